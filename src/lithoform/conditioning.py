@@ -1,0 +1,220 @@
+"""Mesh to mesh, each step of Algorithm 1 its own pure function: twist, smooth, fit_to_box, flatten.
+
+The connectivity is kept by every step but a cut (`flatten` with a depth, in `lithoform.capping`).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from lithoform.errors import MeshError
+from lithoform.mesh import Mesh
+
+__all__ = ["fit_to_box", "principal_frame", "smooth", "twist"]
+
+Weighting = Literal["vertices", "surface", "solid"]
+
+
+def twist(mesh: Mesh, *, axis: ArrayLike, point: ArrayLike, rate: float) -> Mesh:
+    """Turn every vertex about an axis by an angle proportional to its axial coordinate (eq. 11, 12).
+
+    Parameters
+    ----------
+    mesh : Mesh
+    axis : array_like, shape (3,)
+        Direction of the axis, any length but 0.
+    point : array_like, shape (3,)
+        A point on the axis, where the angle is 0 [unit of the mesh].
+    rate : float
+        Twist rate [rad per unit length of the mesh].
+
+    Returns
+    -------
+    Mesh
+        Distances to the axis, and coordinates along it, are those of the input.
+
+    Raises
+    ------
+    MeshError
+        If the axis has no direction or an argument is not finite.
+    """
+    a, p0 = np.asarray(axis, dtype=np.float64), np.asarray(point, dtype=np.float64)
+    length = float(np.linalg.norm(a))
+    if a.shape != (3,) or p0.shape != (3,) or not (0.0 < length < math.inf) or not math.isfinite(rate + p0.sum()):
+        raise MeshError(f"a twist needs an axis (a direction), a point and a rate, all finite; got {axis}, {point}, {rate}.")
+    a = a / length
+    if rate == 0.0:
+        return mesh
+    d = mesh.vertices - p0
+    along = d[:, 0] * a[0] + d[:, 1] * a[1] + d[:, 2] * a[2]
+    angle = rate * along
+    radial = d - along[:, None] * a
+    turned = np.cross(a, radial)
+    rotated = np.cos(angle)[:, None] * radial + np.sin(angle)[:, None] * turned
+    return mesh.with_vertices(p0 + along[:, None] * a + rotated)
+
+
+def smooth(
+    mesh: Mesh,
+    *,
+    iterations: int,
+    method: Literal["laplacian", "taubin"] = "laplacian",
+    lambda_: float = 0.5,
+    mu: float = -0.53,
+) -> Mesh:
+    """Move every vertex towards the mean of its neighbours (eq. 13).
+
+    Parameters
+    ----------
+    mesh : Mesh
+    iterations : int
+        Number of steps; a Taubin step is a pair of a forward and a backward one.
+    method : {"laplacian", "taubin"}
+        Laplacian smoothing shrinks the body; the Taubin (1995) pair (lambda | mu) does not.
+    lambda_ : float
+        Step, 0 < lambda <= 1.
+    mu : float
+        Backward step of the Taubin pair, below -lambda.
+
+    Returns
+    -------
+    Mesh
+
+    Raises
+    ------
+    MeshError
+        If an argument is outside its range.
+
+    References
+    ----------
+    Taubin, G. (1995). A signal processing approach to fair surface design. SIGGRAPH 95, 351-358.
+    """
+    if iterations < 0 or not 0.0 < lambda_ <= 1.0:
+        raise MeshError(f"smoothing needs iterations >= 0 and 0 < lambda <= 1; got {iterations} and {lambda_}.")
+    if method not in ("laplacian", "taubin"):
+        raise MeshError(f"expected a smoothing method of laplacian or taubin; got {method!r}.")
+    if method == "taubin" and not mu < -lambda_:
+        raise MeshError(f"a Taubin pair needs mu < -lambda, or it shrinks; got mu = {mu} and lambda = {lambda_}.")
+    steps = (lambda_,) if method == "laplacian" else (lambda_, mu)
+    vertices = mesh.vertices
+    for _ in range(iterations):
+        for step in steps:
+            vertices = vertices + step * (mesh.connectivity.neighbour_mean @ vertices - vertices)
+    return mesh.with_vertices(vertices) if iterations else mesh
+
+
+def principal_frame(mesh: Mesh, weighting: Weighting = "vertices") -> tuple[np.ndarray, np.ndarray]:
+    """Centroid and principal axes of a body (eq. 14).
+
+    Parameters
+    ----------
+    mesh : Mesh
+    weighting : {"vertices", "surface", "solid"}
+        What carries the mass: each vertex the same (as printed in the paper), the surface, or the volume.
+
+    Returns
+    -------
+    centroid : numpy.ndarray, shape (3,)
+    axes : numpy.ndarray, shape (3, 3)
+        Columns e1, e2, e3 in the order of falling variance, right-handed; e1 and e2 point so that their
+        component of largest magnitude is positive.
+
+    Raises
+    ------
+    MeshError
+        If the weighting is unknown or the body has no volume.
+    """
+    if weighting == "vertices":
+        centroid = mesh.vertices.mean(axis=0)
+        x = mesh.vertices - centroid
+        # Summed column by column: a threaded matrix product would round differently from machine to machine.
+        covariance = np.array([[float((x[:, i] * x[:, j]).sum()) for j in range(3)] for i in range(3)])
+    elif weighting == "surface":
+        centroid, covariance = _surface_moments(mesh)
+    elif weighting == "solid":
+        properties = mesh.mass_properties
+        centroid = properties.centroid
+        covariance = 0.5 * np.trace(properties.inertia) * np.eye(3) - properties.inertia
+    else:
+        raise MeshError(f"expected a weighting of vertices, surface or solid; got {weighting!r}.")
+    axes = np.linalg.eigh(covariance)[1][:, ::-1].copy()
+    for column in (0, 1):
+        e = axes[:, column]
+        axes[:, column] = e if e[np.argmax(np.abs(e))] > 0 else -e
+    axes[:, 2] = np.cross(axes[:, 0], axes[:, 1])
+    return centroid, axes
+
+
+def _surface_moments(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
+    corners = [mesh.vertices[mesh.faces[:, i]] for i in range(3)]
+    area = np.sqrt((mesh.area_vectors**2).sum(axis=1))
+    centroid = (area[:, None] * (corners[0] + corners[1] + corners[2])).sum(axis=0) / (3.0 * area.sum())
+    a, b, c = (corner - centroid for corner in corners)
+    total = a + b + c
+    covariance = np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            products = a[:, i] * a[:, j] + b[:, i] * b[:, j] + c[:, i] * c[:, j] + total[:, i] * total[:, j]
+            covariance[i, j] = float((area * products).sum()) / 12.0
+    return centroid, covariance
+
+
+def fit_to_box(
+    mesh: Mesh,
+    size: ArrayLike,
+    *,
+    frame: Literal["pca", "aabb"] = "pca",
+    weighting: Weighting = "vertices",
+    fit: Literal["exact", "uniform"] = "exact",
+    align: bool = True,
+) -> Mesh:
+    """Scale a body about its centroid to a target box (eq. 14 to 17).
+
+    Parameters
+    ----------
+    mesh : Mesh
+    size : array_like, shape (3,)
+        Target extents L, W, H along the first, second and third axis of the frame [unit of the result].
+    frame : {"pca", "aabb"}
+        The principal axes, or the coordinate axes x, y, z.
+    weighting : {"vertices", "surface", "solid"}
+        What the principal axes (and the centroid) are taken of; "aabb" uses its centroid alone.
+    fit : {"exact", "uniform"}
+        One factor an axis, so that the extents equal the targets; or one factor for all, the largest with
+        which the body stays inside the box (it then touches at least one pair of faces).
+    align : bool
+        Turn the principal axes onto x, y, z (L along x, W along y, H along z).  False leaves the body in
+        its pose, as eq. 16 prints it; the extents then hold along the principal axes.
+
+    Returns
+    -------
+    Mesh
+        The centroid stays where it was.
+
+    Raises
+    ------
+    MeshError
+        If the targets are not three positive numbers, the body is flat along an axis, or a name is unknown.
+    """
+    target = np.asarray(size, dtype=np.float64)
+    if target.shape != (3,) or not (np.isfinite(target).all() and (target > 0).all()):
+        raise MeshError(f"a box needs three positive extents; got {size}.")
+    if frame not in ("pca", "aabb") or fit not in ("exact", "uniform"):
+        raise MeshError(f"expected a frame of pca or aabb and a fit of exact or uniform; got {frame!r} and {fit!r}.")
+    centroid, axes = principal_frame(mesh, weighting)
+    if frame == "aabb":
+        axes = np.eye(3)
+    x = mesh.vertices - centroid
+    local = np.stack([x[:, 0] * e[0] + x[:, 1] * e[1] + x[:, 2] * e[2] for e in axes.T], axis=1)
+    extents = local.max(axis=0) - local.min(axis=0)
+    if not (extents > 1e-12 * extents.max()).all():
+        raise MeshError(f"the body is flat: its extents along the axes of the box are {extents.tolist()}.")
+    factors = target / extents
+    scaled = local * (factors if fit == "exact" else factors.min())
+    if not align:
+        scaled = np.stack([scaled[:, 0] * r[0] + scaled[:, 1] * r[1] + scaled[:, 2] * r[2] for r in axes], axis=1)
+    return mesh.with_vertices(scaled + centroid)

@@ -1,0 +1,208 @@
+"""Recipe to particle: the one function that a reader should read first, and its streaming form.
+
+parameters -> radius -> mesh -> twist -> smooth -> fit to box -> flatten -> check.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from itertools import groupby, islice
+from typing import Final, TypeVar
+
+import numpy as np
+
+from lithoform.conditioning import fit_to_box, smooth, twist
+from lithoform.errors import UnsoundMeshError
+from lithoform.flattening import flatten
+from lithoform.mesh import Mesh
+from lithoform.parameters import Recipe, resolve_topology
+from lithoform.particle import Particle
+from lithoform.radius import radii
+from lithoform.soundness import SoundnessReport, check
+from lithoform.topology import sphere
+from lithoform.warp_runtime import default_threads, resolve_device
+
+__all__ = ["generate", "generate_many"]
+
+_MAX_ROUNDS: Final = 60
+"""Relaxation rounds before giving up; 10,000 random recipes of Table 7 needed far fewer (docs/validation.md)."""
+
+_T = TypeVar("_T")
+
+
+def generate(recipe: Recipe, *, device: str = "auto") -> Particle:
+    """One particle from its recipe.
+
+    Parameters
+    ----------
+    recipe : Recipe
+    device : {"auto", "cpu", "cuda"}
+        Where the noise field is evaluated.
+
+    Returns
+    -------
+    Particle
+        With a sound mesh in metres: solid centroid at the origin; L, W, H along x, y, z unless the recipe's
+        calibration says otherwise.
+
+    Raises
+    ------
+    UnsoundMeshError
+        If no sound mesh could be made; the recipe is in the message and in the error.
+    DeviceError
+        If the device is not there.
+
+    Examples
+    --------
+    >>> from lithoform import Recipe, generate
+    >>> generate(Recipe(seed=1)).report.sound
+    True
+    """
+    return _generate_batch([recipe], resolve_device(device))[0]
+
+
+def generate_many(
+    recipes: Iterable[Recipe],
+    *,
+    device: str = "auto",
+    threads: int | None = None,
+    batch_size: int | None = None,
+) -> Iterator[Particle]:
+    """Stream particles in the order of their recipes, in bounded memory.
+
+    Parameters
+    ----------
+    recipes : iterable of Recipe
+        Any number; consumed as the particles are.
+    device : {"auto", "cpu", "cuda"}
+        Where the noise fields are evaluated; the rest runs on CPU threads.
+    threads : int, optional
+        Number of threads (default: the processors that this process may use).
+    batch_size : int, optional
+        Particles whose fields are evaluated in one launch (default 4 on a CPU, 64 on a GPU).  It changes
+        neither the results nor, beyond that many particles, the memory.
+
+    Yields
+    ------
+    Particle
+
+    Raises
+    ------
+    ValueError
+        If threads or batch_size is not positive.
+    UnsoundMeshError, DeviceError
+        As `generate`; particles before the fault have been handed out.
+    """
+    name = resolve_device(device)
+    workers = default_threads() if threads is None else threads
+    size = (4 if name == "cpu" else 64) if batch_size is None else batch_size
+    if workers < 1 or size < 1:
+        raise ValueError(f"expected at least one thread and a batch of at least one, got {threads} and {batch_size}.")
+    return _stream(_batches(recipes, size), name, workers)
+
+
+def _stream(batches: Iterator[list[Recipe]], device: str, workers: int) -> Iterator[Particle]:
+    pending: deque[Future[list[Particle]]] = deque()
+    executor = ThreadPoolExecutor(workers, thread_name_prefix="lithoform")
+    try:
+        # Two batches a worker in flight: no worker waits, and memory does not grow with the count.
+        for batch in islice(batches, 2 * workers):
+            pending.append(executor.submit(_generate_batch, batch, device))
+        while pending:
+            particles = pending.popleft().result()
+            for batch in islice(batches, 1):
+                pending.append(executor.submit(_generate_batch, batch, device))
+            yield from particles
+    finally:
+        executor.shutdown(wait=True, cancel_futures=True)
+
+
+def _batches(recipes: Iterable[Recipe], size: int) -> Iterator[list[Recipe]]:
+    """Runs of at most `size` recipes that share a topology."""
+    for _, run in groupby(recipes, key=lambda recipe: (recipe.triangles, recipe.topology)):
+        while batch := list(islice(run, size)):
+            yield batch
+
+
+def _generate_batch(recipes: Sequence[Recipe], device: str) -> list[Particle]:
+    base = sphere(*resolve_topology(recipes[0].triangles, recipes[0].topology))
+    return [_finish(r, base, radius) for r, radius in zip(recipes, radii(recipes, base.vertices, device=device), strict=True)]
+
+
+def _finish(recipe: Recipe, base: Mesh, radius: np.ndarray) -> Particle:
+    """Condition and check; where faces cross, relax the relief there and try again.
+
+    The twist carries the true surface without crossings, but flat triangles too coarse for the relief may
+    cross.  The radial graph before it is always sound, so that relaxing its logarithm around the crossings,
+    in rings that widen from round to round, tends to a twisted sphere, which is (coarser meshes are refused
+    by the recipe).  What was relaxed is reported with the particle.
+    """
+    log_radius = np.log(radius)
+    relaxed = np.zeros(len(radius), dtype=bool)
+    for round_ in range(_MAX_ROUNDS + 1):
+        uncut = _calibrated(recipe, base, np.exp(log_radius) if round_ else radius)
+        mesh = _flattened(recipe, uncut)
+        report = check(mesh)
+        if report.sound:
+            return Particle(recipe, mesh, report, relaxed_vertices=int(relaxed.sum()), relaxation_rounds=round_)
+        region = _crossing_region(recipe, mesh, report, uncut, rings=1 + round_ // 3)
+        relaxed |= region
+        mean = base.connectivity.neighbour_mean @ log_radius
+        log_radius = np.where(region, 0.5 * (log_radius + mean), log_radius)
+    raise UnsoundMeshError(
+        f"no sound mesh was found for this recipe ({'; '.join(report.problems())}); try more triangles, a smaller twist "
+        f"rate or a smaller k.  The recipe: {recipe}",
+        report,
+        recipe,
+    )
+
+
+def _calibrated(recipe: Recipe, base: Mesh, radius: np.ndarray) -> Mesh:
+    mesh = base.with_vertices(radius[:, None] * base.vertices)
+    mesh = twist(mesh, axis=recipe.twist_axis, point=recipe.twist_point, rate=float(np.radians(recipe.twist_rate)))
+    mesh = smooth(
+        mesh,
+        iterations=recipe.smoothing_iterations,
+        method=recipe.smoothing_method,
+        lambda_=recipe.smoothing_lambda,
+        mu=recipe.smoothing_mu,
+    )
+    if recipe.calibration_frame == "none":
+        return mesh
+    return fit_to_box(
+        mesh,
+        recipe.size,
+        frame=recipe.calibration_frame,
+        weighting=recipe.calibration_weighting,
+        fit=recipe.calibration_fit,
+        align=recipe.calibration_align,
+    )
+
+
+def _flattened(recipe: Recipe, mesh: Mesh) -> Mesh:
+    """Support face, then the solid's centroid to the origin."""
+    if recipe.flatten:
+        z = mesh.vertices[:, 2]
+        height = float(z.max() - z.min())
+        mesh = flatten(mesh, depth=recipe.flatten_depth * height, band=recipe.flatten_band * height)
+    return mesh.with_vertices(mesh.vertices - mesh.mass_properties.centroid)
+
+
+def _crossing_region(recipe: Recipe, mesh: Mesh, report: SoundnessReport, uncut: Mesh, rings: int) -> np.ndarray:
+    """Vertices of the radial graph within some rings of a fault, as a mask, shape (vertices,)."""
+    if mesh.connectivity is not uncut.connectivity:
+        report = check(uncut)
+        mesh = uncut
+    faces = np.union1d(report.self_intersections.ravel(), report.zero_area_faces)
+    region = np.zeros(len(uncut.vertices))
+    region[mesh.faces[faces].ravel()] = 1.0
+    if not region.any():
+        # The body before the cut is sound: the fault is at the cut.
+        z = uncut.vertices[:, 2]
+        low, high = z.min(), z.max()
+        region[z <= low + (recipe.flatten_depth + recipe.flatten_band) * (high - low)] = 1.0
+    for _ in range(rings):
+        region = np.maximum(region, uncut.connectivity.neighbour_mean @ region > 0.0)
+    return region > 0.0
