@@ -33,7 +33,8 @@ MAY_IMPORT: dict[str, set[str]] = {
     "warp_runtime": {"errors"},
     "noise": FOUNDATION | {"warp_runtime"},
     "radius": FOUNDATION | {"noise", "topology", "warp_runtime"},
-    "mesh": FOUNDATION,
+    "face_integrals": {"warp_runtime"},
+    "mesh": {"errors", "face_integrals"},
     "topology": {"errors", "mesh"},
     "predicates": {"errors", "warp_runtime"},
     "intersections": {"errors", "predicates", "warp_runtime"},
@@ -42,12 +43,15 @@ MAY_IMPORT: dict[str, set[str]] = {
     "flattening": {"errors", "mesh"},
     "particle": FOUNDATION | {"figures", "mesh", "mesh_io", "soundness"},
     "generation": FOUNDATION
-    | {"conditioning", "flattening", "mesh", "noise", "particle", "radius", "soundness", "topology", "warp_runtime"},
+    | {"conditioning", "flattening", "mesh", "noise", "particle", "progress", "radius", "soundness", "topology", "warp_runtime"},
     # measure
     "descriptors": {"errors", "mesh"},
     "lab": {"errors", "mesh"},
     "atomic": {"errors"},
     "mesh_io": {"atomic", "errors", "mesh", "parameters"},
+    "progress": set(),
+    "planning": FOUNDATION | {"mesh_io", "recipe_io"},
+    "production": FOUNDATION | {"atomic", "generation", "mesh_io", "particle", "planning"},
     # populations
     "database": FOUNDATION | MEASURES | {"generation", "mesh", "particle", "recipe_io"},
     "statistics": {"errors"},

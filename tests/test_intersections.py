@@ -16,6 +16,7 @@ from lithoform import intersections
 from lithoform.errors import MeshError
 from lithoform.intersections import find_self_intersections
 from lithoform.predicates import faces_meet
+from lithoform.warp_runtime import wp
 
 # --- the oracle ---------------------------------------------------------------------------------------------
 # The common part of two triangles is convex, and each of its extreme points is a corner of one of them, or
@@ -121,6 +122,11 @@ def cube(subdivisions):
     return vertices, faces
 
 
+def crumpled(amount, subdivisions=2, seed=3):
+    vertices, faces = icosphere(subdivisions)
+    return vertices + np.random.default_rng(seed).normal(scale=amount, size=vertices.shape), faces
+
+
 def union(*meshes):
     shifts = np.cumsum([0, *(len(v) for v, _ in meshes)])
     return (
@@ -155,14 +161,15 @@ def test_sound_surface_has_no_pairs(mesh, turned):
 
 @pytest.mark.parametrize("turned", [False, True])
 @pytest.mark.parametrize("stretch", [1.0, 0.05])
-def test_flat_neighbours_need_no_exact_arithmetic(monkeypatch, turned, stretch):
+@pytest.mark.parametrize("scale", [1.0, 1e-150, 1e150])
+def test_flat_neighbours_need_no_exact_arithmetic(monkeypatch, turned, stretch, scale):
     # 12,288 faces with some 100,000 coplanar neighbours: deciding these in whole numbers would take a second.
     def refuse(vertices, faces, first, second):
         raise AssertionError(f"{len(first)} pairs were left open")
 
     monkeypatch.setattr(intersections, "faces_meet", refuse)
     vertices, faces = cube(5)
-    vertices = vertices * [1.0, 1.0, stretch]
+    vertices = vertices * [scale, scale, stretch * scale]
     assert len(find_self_intersections(vertices @ rotation(2) if turned else vertices, faces)) == 0
 
 
@@ -189,8 +196,8 @@ def test_vertex_pushed_through_the_opposite_side():
 
 
 def test_crumpled_sphere_matches_the_oracle():
-    vertices, faces = icosphere(1)
-    vertices = np.round(1024 * (vertices + np.random.default_rng(3).normal(scale=0.3, size=vertices.shape)))
+    vertices, faces = crumpled(0.3, subdivisions=1)
+    vertices = np.round(1024 * vertices)
     expected = oracle_pairs(vertices, faces)
     shared = [len(set(faces[i]) & set(faces[j])) for i, j in expected]
     assert shared.count(0) > 20
@@ -289,6 +296,25 @@ def test_faces_folded_over_a_common_edge(other, found):
         assert find_self_intersections(vertices, np.array(faces)).tolist() == expected
 
 
+@pytest.mark.parametrize(
+    ("other_edge", "other_apex", "found"),
+    [
+        ((3.0, 0.0, 0.0), (1.0, -2.0, 0.0), True),  # beside each other, along a part of one edge
+        ((3.0, 0.0, 0.0), (1.0, 0.0, 2.0), True),  # the same, out of plane
+        ((3.0, 1.0, 0.0), (3.0, 2.0, 0.0), True),  # one within the other's angle
+        ((-3.0, 0.0, 0.0), (0.0, -3.0, 0.0), False),  # opposite angles on the same two lines
+        ((-3.0, 0.0, 0.0), (-3.0, 3.0, 0.0), False),  # adjacent angles on one line
+        ((1.0, 1.0, 1.0), (1.0, 1.0, -1.0), True),  # through the other's angle
+        ((-1.0, -1.0, 1.0), (-1.0, -1.0, -1.0), False),  # through the opposite angle
+    ],
+)
+@pytest.mark.parametrize("tilt", [np.eye(3), SHEAR], ids=["flat", "tilted"])
+def test_faces_with_one_common_vertex(other_edge, other_apex, found, tilt):
+    vertices = np.array([*FLOOR, other_edge, other_apex]) @ tilt
+    for f, g in itertools.product(itertools.permutations([0, 1, 2]), itertools.permutations([0, 3, 4])):
+        assert len(find_self_intersections(vertices, np.array([f, g]))) == found
+
+
 def test_faces_with_the_same_three_vertices_always_count():
     faces = np.array([[0, 1, 2], [2, 1, 0], [1, 2, 0]])
     assert find_self_intersections(np.array(FLOOR), faces).tolist() == [[0, 1], [0, 2], [1, 2]]
@@ -316,6 +342,20 @@ def test_face_of_zero_area_counts_as_segment_or_point(corners, found):
     assert len(find_self_intersections(vertices @ SHEAR, faces)) == found
 
 
+@pytest.mark.parametrize(
+    ("xs", "count"),
+    [
+        ((0.0, 1.0, 3.0, 2.0), 1),  # both go on beyond the common edge, over each other
+        ((0.0, 1.0, 3.0, -1.0), 0),  # on either side of it
+        ((0.0, 0.0, 1.0, 1.0), 1),  # the common edge is a point, and they go on from it together
+        ((0.0, 0.0, 1.0, -1.0), 0),
+    ],
+)
+def test_faces_of_zero_area_with_a_common_edge(xs, count):
+    vertices = np.outer(xs, [1.0, 2.0, -1.0])
+    assert len(find_self_intersections(vertices, np.array([[0, 1, 2], [1, 0, 3]]))) == count
+
+
 # --- what must not change the answer ------------------------------------------------------------------------
 
 
@@ -336,9 +376,7 @@ def test_large_exact_offsets_leave_the_answer(offset):
 
 
 def test_threads_and_repetition_leave_the_answer():
-    ball, faces = icosphere(3)
-    rng = np.random.default_rng(5)
-    meshes = [(ball + rng.normal(scale=0.03, size=ball.shape), faces) for _ in range(8)]
+    meshes = [crumpled(0.03, subdivisions=3, seed=seed) for seed in range(8)]
     meshes += [contacts_on_a_grid()] * 2
     expected = [find_self_intersections(*mesh) for mesh in meshes]
     assert len({len(pairs) for pairs in expected}) > 2
@@ -354,8 +392,9 @@ def test_pairs_are_sorted_and_distinct():
 
 
 @pytest.mark.parametrize("limit", [0, 1, 2, 7, 100, 10**9])
-def test_limit_returns_the_first_pairs(limit):
-    vertices, faces = contacts_on_a_grid()
+@pytest.mark.parametrize("mesh", [contacts_on_a_grid(), crumpled(0.1)], ids=["contacts", "crossings"])
+def test_limit_returns_the_first_pairs(limit, mesh):
+    vertices, faces = mesh
     expected = find_self_intersections(vertices, faces)[:limit]
     pairs = find_self_intersections(vertices, faces, limit=limit)
     assert pairs.shape == (len(expected), 2)
@@ -369,6 +408,15 @@ def test_arguments_are_left_alone_and_layout_is_free():
     turned = np.asfortranarray(vertices)
     assert np.array_equal(find_self_intersections(turned, faces.astype(np.uint32)), expected)
     assert np.array_equal(find_self_intersections(vertices, faces.tolist()), expected)
+
+
+@pytest.mark.cuda
+def test_the_gpu_gives_the_same_answer():
+    if not wp.is_cuda_available():
+        pytest.skip("needs a CUDA device")
+    for vertices, faces in (contacts_on_a_grid(), crumpled(0.1, subdivisions=4)):
+        expected = find_self_intersections(vertices, faces)
+        assert np.array_equal(find_self_intersections(vertices, faces, device="cuda"), expected)
 
 
 @pytest.mark.parametrize("count", [0, 1])

@@ -6,10 +6,10 @@ parameters -> radius -> mesh -> twist -> smooth -> fit to box -> flatten -> chec
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence, Sized
 from concurrent.futures import Future, ThreadPoolExecutor
 from itertools import groupby, islice
-from typing import Final, TypeVar
+from typing import Any, Final
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from lithoform.flattening import flatten
 from lithoform.mesh import Mesh
 from lithoform.parameters import Recipe, resolve_topology
 from lithoform.particle import Particle
+from lithoform.progress import track
 from lithoform.radius import radii
 from lithoform.soundness import SoundnessReport, check
 from lithoform.topology import sphere
@@ -28,8 +29,6 @@ __all__ = ["generate", "generate_many"]
 
 _MAX_ROUNDS: Final = 60
 """Relaxation rounds before giving up; 10,000 random recipes of Table 7 needed far fewer (docs/validation.md)."""
-
-_T = TypeVar("_T")
 
 
 def generate(recipe: Recipe, *, device: str = "auto") -> Particle:
@@ -69,7 +68,9 @@ def generate_many(
     device: str = "auto",
     threads: int | None = None,
     batch_size: int | None = None,
-) -> Iterator[Particle]:
+    progress: bool = False,
+    each: Callable[[int, Particle], Any] | None = None,
+) -> Iterator[Any]:
     """Stream particles in the order of their recipes, in bounded memory.
 
     Parameters
@@ -83,10 +84,16 @@ def generate_many(
     batch_size : int, optional
         Particles whose fields are evaluated in one launch (default 4 on a CPU, 64 on a GPU).  It changes
         neither the results nor, beyond that many particles, the memory.
+    progress : bool
+        Show a bar on a terminal.
+    each : callable, optional
+        Called in the worker threads with the index (from 0) and the particle; its result is yielded in the
+        particle's place, so that measuring and writing are spread over the threads as well.
 
     Yields
     ------
     Particle
+        Or what `each` returns.
 
     Raises
     ------
@@ -100,30 +107,40 @@ def generate_many(
     size = (4 if name == "cpu" else 64) if batch_size is None else batch_size
     if workers < 1 or size < 1:
         raise ValueError(f"expected at least one thread and a batch of at least one, got {threads} and {batch_size}.")
-    return _stream(_batches(recipes, size), name, workers)
+    total = len(recipes) if isinstance(recipes, Sized) else None
+    stream = _stream(_batches(recipes, size), name, workers, each)
+    return track(stream, total=total, what="particles", enabled=progress) if progress else stream
 
 
-def _stream(batches: Iterator[list[Recipe]], device: str, workers: int) -> Iterator[Particle]:
-    pending: deque[Future[list[Particle]]] = deque()
+def _stream(
+    batches: Iterator[tuple[int, list[Recipe]]], device: str, workers: int, each: Callable[[int, Particle], Any] | None
+) -> Iterator[Any]:
+    def work(start: int, batch: list[Recipe]) -> list[Any]:
+        particles = _generate_batch(batch, device)
+        return particles if each is None else [each(start + i, particle) for i, particle in enumerate(particles)]
+
+    pending: deque[Future[list[Any]]] = deque()
     executor = ThreadPoolExecutor(workers, thread_name_prefix="lithoform")
     try:
         # Two batches a worker in flight: no worker waits, and memory does not grow with the count.
-        for batch in islice(batches, 2 * workers):
-            pending.append(executor.submit(_generate_batch, batch, device))
+        for start, batch in islice(batches, 2 * workers):
+            pending.append(executor.submit(work, start, batch))
         while pending:
-            particles = pending.popleft().result()
-            for batch in islice(batches, 1):
-                pending.append(executor.submit(_generate_batch, batch, device))
-            yield from particles
+            results = pending.popleft().result()
+            for start, batch in islice(batches, 1):
+                pending.append(executor.submit(work, start, batch))
+            yield from results
     finally:
         executor.shutdown(wait=True, cancel_futures=True)
 
 
-def _batches(recipes: Iterable[Recipe], size: int) -> Iterator[list[Recipe]]:
-    """Runs of at most `size` recipes that share a topology."""
+def _batches(recipes: Iterable[Recipe], size: int) -> Iterator[tuple[int, list[Recipe]]]:
+    """Runs of at most `size` recipes that share a topology, with the index of the first."""
+    start = 0
     for _, run in groupby(recipes, key=lambda recipe: (recipe.triangles, recipe.topology)):
         while batch := list(islice(run, size)):
-            yield batch
+            yield start, batch
+            start += len(batch)
 
 
 def _generate_batch(recipes: Sequence[Recipe], device: str) -> list[Particle]:

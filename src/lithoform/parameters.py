@@ -191,7 +191,7 @@ class Recipe:
         if not self.length >= self.width >= self.height:
             raise RecipeError(
                 f"the target dimensions must be in the order L >= W >= H; got {self.length:g}, {self.width:g}, "
-                f"{self.height:g}: write them from the largest to the smallest."
+                f"{self.height:g} m: write them from the largest to the smallest."
             )
         if self.length > 1000 * self.height:
             raise RecipeError(f"L / H must be at most 1000 (float64 meshes thinner than that are not trustworthy); "
@@ -263,9 +263,9 @@ def resolve_topology(triangles: int, topology: str = "auto") -> tuple[str, int]:
         near |= {per_square * m * m for m in (n, n + 1) if m >= 1}
     below = max((c for c in near if c < triangles), default=None)
     above = min(c for c in near if c > triangles)
-    counts = " = 8 n^2 or 20 n^2" if topology == "auto" else f" = {_TOPOLOGIES[topology][0]} n^2"
+    counts = "8 n^2 or 20 n^2" if topology == "auto" else f"{_TOPOLOGIES[topology][0]} n^2"
     nearest = f"{above}" if below is None else f"{below} and {above}"
-    raise RecipeError(f"triangles must be{counts}; got {triangles}: the nearest counts are {nearest}.")
+    raise RecipeError(f"triangles must be {counts}; got {triangles}: the nearest counts are {nearest}.")
 
 
 _NAMES: Final = tuple(f.name for f in dataclasses.fields(Recipe))

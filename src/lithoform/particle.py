@@ -57,7 +57,9 @@ class Particle:
             "relaxation_rounds": self.relaxation_rounds,
         }
 
-    def save(self, path: str | Path, *, unit: str = "mm", format: str | None = None) -> dict[str, Any]:
+    def save(
+        self, path: str | Path, *, unit: str = "mm", format: str | None = None, extra: dict[str, Any] | None = None
+    ) -> dict[str, Any]:
         """Write the mesh and, beside it, the JSON sidecar that makes it again.
 
         Parameters
@@ -67,6 +69,8 @@ class Particle:
         unit : {"m", "cm", "mm", "um", "in"}
             Unit of length of the file (glTF files are always in metres, as their standard demands).
         format : str, optional
+        extra : dict, optional
+            Further entries of the sidecar.
 
         Returns
         -------
@@ -83,7 +87,7 @@ class Particle:
             If a file cannot be written; nothing half-written is left.
         """
         target = Path(path)
-        kind = mesh_io.resolve_format(target, format)
+        kind = format or mesh_io.format_of(target)
         stored = mesh_io.stored_vertices(self.mesh, kind, unit)
         report = check(self.mesh.with_vertices(stored))
         if not report.sound:
@@ -101,7 +105,7 @@ class Particle:
             file_sha256=digest,
             format=kind,
             unit=unit,
-            extra={"provenance": self.provenance},
+            extra={"provenance": self.provenance, **(extra or {})},
         )
         mesh_io.write_sidecar(target.with_suffix(".json"), sidecar)
         return sidecar

@@ -159,7 +159,6 @@ def _whole_numbers(points: np.ndarray) -> np.ndarray:
     zeros = np.frexp((whole & -whole).astype(np.float64))[1] - 1
     zeros[whole == 0] = 0
     exponent = exponent.astype(np.int64) + zeros
-    exponent[whole == 0] = exponent.max()
     return (whole >> zeros).astype(object) << (exponent - exponent.min()).astype(object)
 
 
@@ -256,9 +255,7 @@ def _project(normal: np.ndarray, *corner_lists: list[np.ndarray]) -> list[list[n
     """Drop, in each row, a coordinate along which the normal is not zero: one-to-one on that plane."""
     axis = (normal != 0).argmax(axis=0)
     rows = np.arange(len(axis))
-    return [
-        [np.stack([p[(axis + k) % 3, rows] for k in (1, 2)]) for p in corners] for corners in corner_lists
-    ]
+    return [[np.stack([p[(axis + k) % 3, rows] for k in (1, 2)]) for p in corners] for corners in corner_lists]
 
 
 def _turn(p: np.ndarray, q: np.ndarray, r: np.ndarray) -> np.ndarray:
@@ -284,9 +281,7 @@ def _cones_meet(a: list[np.ndarray], b: list[np.ndarray]) -> np.ndarray:
     for cone, rays in ((a, b), (b, a)):
         winding = _turn(*cone)
         for tip in rays[1:]:
-            meet |= (_turn(cone[0], cone[1], tip) * winding >= 0) & (
-                _turn(cone[0], tip, cone[2]) * winding >= 0
-            )
+            meet |= (_turn(cone[0], cone[1], tip) * winding >= 0) & (_turn(cone[0], tip, cone[2]) * winding >= 0)
     return meet
 
 

@@ -10,14 +10,14 @@ __all__ = ["track"]
 _T = TypeVar("_T")
 
 
-def track(items: Iterable[_T], *, total: int, what: str, enabled: bool = True) -> Iterator[_T]:
+def track(items: Iterable[_T], *, total: int | None, what: str, enabled: bool = True) -> Iterator[_T]:
     """Yield items while a bar shows how many are done, how fast, and the time left.
 
     Parameters
     ----------
     items : iterable
-    total : int
-        How many there will be.
+    total : int or None
+        How many there will be, if known.
     what : str
         What they are, for the bar's label.
     enabled : bool

@@ -17,7 +17,7 @@ import numpy as np
 
 from lithoform.intersections import find_self_intersections
 from lithoform.mesh import Mesh
-from lithoform.warp_runtime import MODULE_OPTIONS, load, to_device, wp
+from lithoform.warp_runtime import MODULE_OPTIONS, load, shared_array, wp
 
 __all__ = ["SoundnessReport", "check"]
 
@@ -189,7 +189,7 @@ def check(mesh: Mesh) -> SoundnessReport:
         "self_intersections": np.empty((0, 2), dtype=np.int32),
     }
     sphere_like = c.euler_characteristic == 2 and c.component_count == 1 and not any(map(len, faults.values()))
-    volume = _signed_volume(mesh)
+    volume = mesh.volume
     certificate = "star-shaped"
     if not (sphere_like and volume > 0 and _is_star_shaped(mesh)):
         certificate = "search"
@@ -210,26 +210,21 @@ def _is_star_shaped(mesh: Mesh) -> bool:
     load(_star_kernel.module, "cpu")
     centre = mesh.mass_properties.centroid
     ray = mesh.vertices[mesh.faces[0]].mean(axis=0) - centre
-    state = np.zeros(len(mesh.faces), dtype=np.int8)
+    state = wp.empty(len(mesh.faces), dtype=wp.int8, device="cpu")
     wp.launch(
         _star_kernel,
         dim=len(mesh.faces),
         inputs=[
-            to_device(mesh.vertices, wp.vec3d, "cpu"),
-            to_device(mesh.faces, wp.vec3i, "cpu"),
+            shared_array(mesh.vertices, wp.vec3d),
+            shared_array(mesh.faces, wp.vec3i),
             wp.vec3d(*centre),
             wp.vec3d(*ray),
-            to_device(state, wp.int8, "cpu"),
+            state,
         ],
         device="cpu",
     )
-    return bool((state & 1).all()) and int((state >> 1).sum()) == 1
-
-
-def _signed_volume(mesh: Mesh) -> float:
-    """Signed volume; that of an open surface depends on the origin and only serves as a sign."""
-    centred = mesh.vertices - mesh.vertices.mean(axis=0)
-    return float((centred[mesh.faces[:, 0]] * mesh.area_vectors).sum() / 3.0)
+    flags = state.numpy()
+    return bool((flags & 1).all()) and int((flags >> 1).sum()) == 1
 
 
 def _zero_area_faces(mesh: Mesh) -> np.ndarray:

@@ -2,25 +2,53 @@
 
 from __future__ import annotations
 
+import contextlib
+import ctypes
 import os
 import threading
-import warnings
+from collections.abc import Iterator
 from typing import Any, Literal
 
 import numpy as np
 
 from lithoform.errors import DeviceError
 
-with warnings.catch_warnings():
-    # Warp announces a missing NVIDIA driver as a warning when it starts; having no GPU is not a fault here.
-    warnings.simplefilter("ignore")
+
+
+@contextlib.contextmanager
+def _silent_native_stderr() -> Iterator[None]:
+    """Keep what native code prints to standard error off the terminal (file descriptor 2, not sys.stderr)."""
+    try:
+        saved = os.dup(2)
+    except OSError:  # a process without a standard error
+        yield
+        return
+    try:
+        with open(os.devnull, "wb") as sink:
+            os.dup2(sink.fileno(), 2)
+            yield
+    finally:
+        os.dup2(saved, 2)
+        os.close(saved)
+
+
+def _has_cuda_driver() -> bool:
+    try:
+        ctypes.CDLL("nvcuda.dll" if os.name == "nt" else "libcuda.so.1")
+    except OSError:
+        return False
+    return True
+
+
+# Without a driver Warp's native library prints a warning at start-up that nothing can turn off; having no
+# GPU is not a fault.  With a driver nothing is hidden.
+with contextlib.nullcontext() if _has_cuda_driver() else _silent_native_stderr():
     import warp as wp
 
-    wp.config.quiet = True
     wp.config.log_level = wp.LOG_ERROR
     wp.init()
 
-__all__ = ["Device", "MODULE_OPTIONS", "load", "resolve_device", "to_device", "wp"]
+__all__ = ["MODULE_OPTIONS", "Device", "default_threads", "load", "resolve_device", "shared_array", "to_device", "wp"]
 
 Device = Literal["auto", "cpu", "cuda"]
 
@@ -75,10 +103,13 @@ def load(module: Any, device: str) -> None:
 
 
 def to_device(array: np.ndarray, dtype: Any, device: str) -> Any:
-    """Warp array of a NumPy array; on the CPU it shares the memory."""
-    if device == "cpu":
-        return wp.from_numpy(np.ascontiguousarray(array), dtype=dtype, device=device)
+    """Warp array with a copy of a NumPy array."""
     return wp.array(array, dtype=dtype, device=device)
+
+
+def shared_array(array: np.ndarray, dtype: Any) -> Any:
+    """Warp array on the CPU that shares the memory of a contiguous NumPy array; only for reading by kernels."""
+    return wp.array(array, dtype=dtype, device="cpu", copy=False)
 
 
 def default_threads() -> int:

@@ -1,0 +1,212 @@
+"""What a run of `lithoform generate` makes: the options as a plan of numbered particles."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from lithoform import mesh_io
+from lithoform.errors import FileFormatError, RecipeError
+from lithoform.parameters import Recipe, suggest
+from lithoform.presets import PRESETS, SHAPE_CLASSES, benchmark_recipe, database_recipe, draw_size, particle_seed
+from lithoform.recipe_io import from_dict, parse_settings, read_recipe
+from lithoform.seeds import MAX_SEED
+
+__all__ = ["Plan", "plan_run"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan:
+    """What a run makes; particle by particle it depends on nothing else.
+
+    Attributes
+    ----------
+    count : int
+        Number of particles, numbered from 1.
+    seed : int or None
+        Run seed from which each particle's own is derived; None uses the recipe's own seed (one particle).
+    preset : {"benchmark", "database"} or None
+        None where `base` is a whole recipe.
+    shape_class : {"cube", "plate", "column", "blade", "mixed"} or None
+        Class in which the dimensions are drawn; "mixed" takes the four in turn.
+    base : dict
+        Fields set by the user, or a whole recipe (lengths in metres).
+    format, unit : str
+        Of the mesh files.
+    """
+
+    count: int
+    seed: int | None
+    preset: str | None
+    shape_class: str | None
+    base: dict[str, Any] = field(default_factory=dict)
+    format: str = "stl"
+    unit: str = "mm"
+
+    def class_of(self, number: int) -> str | None:
+        """Zingg class in which particle `number` is drawn, if any."""
+        if self.shape_class == "mixed":
+            return SHAPE_CLASSES[(number - 1) % len(SHAPE_CLASSES)]
+        return self.shape_class
+
+    def recipe(self, number: int) -> Recipe:
+        """Recipe of particle `number` (from 1).
+
+        Raises
+        ------
+        RecipeError
+            If the settings are not valid.
+        """
+        if self.seed is None:
+            return from_dict(self.base)
+        seed = particle_seed(self.seed, number)
+        shape_class = self.class_of(number)
+        if self.preset == "database" and shape_class is not None:
+            return database_recipe(shape_class, seed=seed, **self.base)
+        settings = {**self.base, "seed": seed}
+        if shape_class is not None:
+            settings["size"] = draw_size(shape_class, seed)
+        if self.preset == "database":
+            settings = {"main_scale": 1.0, "warp_scale": 1.0, **settings}
+        return benchmark_recipe(**settings)
+
+    def mesh_file(self, number: int) -> str:
+        """Name of the mesh of particle `number`."""
+        return f"{number:06d}.{self.format}"
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values, as they come back from JSON."""
+        return json.loads(json.dumps(asdict(self)))
+
+    def validate(self) -> None:
+        """Refuse a plan that cannot be carried out, before any work.
+
+        Raises
+        ------
+        RecipeError
+            If the count or the seed is out of range, or the first particle of a class has no valid recipe.
+        FileFormatError
+            If the format or the unit is unknown.
+        """
+        if self.count < 1:
+            raise RecipeError(f"expected --count of at least 1; got {self.count}.")
+        if self.seed is not None and not 0 <= self.seed <= MAX_SEED:
+            raise RecipeError(f"the seed must be 0 to {MAX_SEED}; got {self.seed}.")
+        mesh_io.file_unit(self.format, self.unit)
+        for number in range(1, min(self.count, len(SHAPE_CLASSES)) + 1):
+            self.recipe(number)
+
+
+def plan_run(
+    *,
+    count: int | None,
+    seed: int | None,
+    shape_class: str | None,
+    preset: str | None,
+    recipe: Path | None,
+    settings: list[str],
+    size: str | None,
+    unit: str | None,
+    triangles: int | None,
+    format: str | None,
+) -> Plan:
+    """Plan that the options of `lithoform generate` mean; every conflict between them is an error here.
+
+    Parameters
+    ----------
+    count, seed, shape_class, preset, recipe, settings, size, unit, triangles, format
+        The options as given (None: not given); lengths in the unit of `unit`.
+
+    Returns
+    -------
+    Plan
+
+    Raises
+    ------
+    RecipeError
+        If a value is not valid or two options contradict each other.
+    FileFormatError
+        If the recipe file cannot be read, or the format or unit is unknown.
+    """
+    classes = (*SHAPE_CLASSES, "mixed")
+    for name, value, known in (("class", shape_class, classes), ("preset", preset, PRESETS)):
+        if value is not None and value not in known:
+            raise RecipeError(f"expected --{name} to be one of {', '.join(known)}; got {value!r}.{suggest(value, known)}")
+    fields = parse_settings(settings)
+    base: dict[str, Any] = {}
+    sidecar: dict[str, Any] = {}
+    if recipe is not None:
+        if preset is not None:
+            raise RecipeError("--recipe is a whole recipe and --preset another; give one of them.")
+        base = read_recipe(recipe).as_dict()
+        sidecar = _sidecar_of(recipe)
+        if seed is None and count not in (None, 1):
+            seed = base["seed"]
+    unit = unit or sidecar.get("unit") or "mm"
+    metre = _metre(unit)
+    if "seed" in fields:
+        raise RecipeError("set the seed with --seed; each particle's own seed is derived from it.")
+    for name in ("length", "width", "height"):
+        if name in fields:
+            fields[name] *= metre
+    if size is not None:
+        if {"length", "width", "height"} & set(fields):
+            raise RecipeError("give the dimensions by --size or by --set L=, W=, H=; not by both.")
+        fields |= _parse_size(size, metre)
+    has_size = bool({"length", "width", "height"} & set(fields))
+    if has_size and shape_class is not None:
+        raise RecipeError("--class draws the dimensions and --size (or --set L=...) gives them; use one of them.")
+    if triangles is not None:
+        fields["triangles"] = triangles
+    if recipe is None:
+        preset = preset or "database"
+        if preset == "benchmark" and not has_size and shape_class is None:
+            # Table 1 gives no unit for its 2 x 1.5 x 1: they are read in the unit of the run.
+            fields |= {"length": 2.0 * metre, "width": 1.5 * metre, "height": 1.0 * metre}
+        if preset == "database" and not has_size:
+            shape_class = shape_class or "mixed"
+        if seed is None:
+            seed = 0
+    elif seed is not None or shape_class is not None:
+        seed = base["seed"] if seed is None else seed
+        del base["seed"]
+        if shape_class is not None:
+            for name in ("length", "width", "height"):
+                del base[name]
+    plan = Plan(
+        count=1 if count is None else count,
+        seed=seed,
+        preset=preset,
+        shape_class=shape_class,
+        base={**base, **fields},
+        format=(format or sidecar.get("format") or "stl").lower(),
+        unit=unit,
+    )
+    plan.validate()
+    return plan
+
+
+def _sidecar_of(path: Path) -> dict[str, Any]:
+    """Format and unit that a particle's sidecar records; empty for a plain recipe."""
+    if path.suffix.lower() != ".json":
+        return {}
+    try:
+        return mesh_io.read_sidecar(path)
+    except FileFormatError:
+        return {}
+
+
+def _metre(unit: str) -> float:
+    if unit not in mesh_io.UNITS:
+        raise RecipeError(f"expected --unit to be one of {', '.join(mesh_io.UNITS)}; got {unit!r}.{suggest(unit, mesh_io.UNITS)}")
+    return 1.0 / mesh_io.UNITS[unit]
+
+
+def _parse_size(text: str, metre: float) -> dict[str, float]:
+    try:
+        length, width, height = (float(part) for part in text.split(","))
+    except ValueError:
+        raise RecipeError(f"expected --size L,W,H, such as 20,15,10; got {text!r}.") from None
+    return {"length": length * metre, "width": width * metre, "height": height * metre}
