@@ -62,7 +62,8 @@ MAY_IMPORT: dict[str, set[str]] = {
     "compaction": {"dem", "errors", "mesh"},
     "export": {"dem", "errors", "mesh"},
     # results in, pictures and pages out; nothing is computed anew
-    "figures": {"errors", "mesh", "parameters"},
+    "figures": {"atomic", "errors", "mesh", "parameters"},
+    "reproduce": FOUNDATION | {"figures", "generation", "mesh", "particle"},
     "report": {"errors", "figures", "mesh", "parameters"},
 }
 # On top: these may import everything below them, `__init__` so as to hand it on.

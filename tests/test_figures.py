@@ -202,6 +202,11 @@ class TestPlate:
         with pytest.raises(LithoformError, match=r"\.png"):
             reproduce.figure_2(tmp_path / "fig2.pdf")
 
+    def test_a_file_in_the_way_of_the_folder_is_named(self, tmp_path: Path) -> None:
+        (tmp_path / "taken").write_text("")
+        with pytest.raises(OutputError, match="taken"):
+            reproduce.parameter_plates(tmp_path / "taken" / "images")
+
 
 def stand_in(made: list[Recipe]) -> SimpleNamespace:
     """A module `generation` that draws bumps for a recipe at once, and notes what was asked for."""
@@ -255,9 +260,9 @@ class TestWithoutTheExtra:
 
     def test_render_and_to_polydata_say_the_same(self, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setitem(sys.modules, "pyvista", None)
-        for function in (render, to_polydata):
+        for function in (lambda: render(stone(n=2)), lambda: to_polydata(stone(n=2)), figures.require_pictures):
             with pytest.raises(LithoformError, match="needs pyvista"):
-                function(stone(n=2))
+                function()
 
     @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere OpenGL is part of the system")
     def test_a_machine_without_opengl_is_told_what_to_install(self, monkeypatch: pytest.MonkeyPatch) -> None:

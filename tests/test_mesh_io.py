@@ -395,6 +395,14 @@ def test_a_text_ply_with_texture_coordinates(tmp_path):
     assert mesh.faces.tolist() == [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
 
 
+def test_the_texture_seams_of_a_ply_split_nothing(tmp_path):
+    faces = "".join(f"3 {f} 6 0 0 1 0 0.{i} 1\n" for i, f in enumerate(["0 2 1", "0 1 3", "0 3 2", "1 2 3"]))
+    text = ascii_ply(faces, 4).replace("vertex_index\n", "vertex_index\nproperty list uchar float texcoord\n")
+    mesh = read_mesh(write(tmp_path / "a.ply", text), unit="m")
+    assert mesh.vertices.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
+    assert mesh.faces.tolist() == [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
+
+
 @pytest.mark.parametrize("name", ["stl", "ply", "glb", "3mf", "obj"])
 def test_files_of_trimesh(body, tmp_path, name):
     import trimesh
@@ -440,6 +448,11 @@ def test_a_truncated_file_is_refused_wherever_it_ends(body, tmp_path, name):
     for end in sorted(ends):
         refusal(write(path, data[:end]))
     refusal(write(path, b""))
+
+
+@pytest.mark.parametrize("name", ["stl", "ply", "glb"])
+def test_a_binary_file_with_more_than_it_promises_is_refused(body, tmp_path, name):
+    refusal(write(tmp_path / f"a.{name}", encode_mesh(body, name) + bytes(12)))
 
 
 def test_a_truncated_text_is_refused(body, tmp_path):

@@ -26,7 +26,17 @@ from lithoform.errors import LithoformError
 from lithoform.mesh import Mesh
 from lithoform.parameters import PARAMETERS
 
-__all__ = ["STONE", "VIEW", "Variation", "figure_2", "gallery", "png_bytes", "render", "to_polydata"]
+__all__ = [
+    "STONE",
+    "VIEW",
+    "Variation",
+    "figure_2",
+    "gallery",
+    "png_bytes",
+    "render",
+    "require_pictures",
+    "to_polydata",
+]
 
 Vector = tuple[float, float, float]
 
@@ -272,6 +282,19 @@ def to_polydata(mesh: Mesh) -> Any:
     """
     # Copies, since PyVista would share the arrays, which are read-only here.
     return _load("pyvista").PolyData.from_regular_faces(mesh.vertices.copy(), mesh.faces.copy())
+
+
+def require_pictures() -> None:
+    """Make sure, before long work, that pictures can be drawn after it.
+
+    Raises
+    ------
+    LithoformError
+        If a package is missing or the machine cannot draw off screen; it says what to install.
+    """
+    for module in ("pyvista", "matplotlib.figure", "PIL.Image"):
+        _load(module)
+    _find_opengl()
 
 
 def _name(symbol: str) -> str:

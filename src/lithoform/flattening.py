@@ -148,8 +148,8 @@ def _cut(mesh: Mesh, level: float, band: float) -> Mesh:
     result = _largest_piece(points, np.concatenate([walls, _cap(points[:, :2], loops)]), level)
     characteristic = len(result.vertices) - len(result.faces) // 2
     if characteristic < min(2, connectivity.euler_characteristic):
-        raise MeshError(f"expected a cut that leaves no hole through the body, but a ring is left above "
-                        f"z = {level} (Euler characteristic {characteristic}); choose a smaller depth.")  # fmt: skip
+        raise MeshError(f"expected a cut that leaves no hole through the body, but above z = {level} "
+                        f"is a ring (Euler characteristic {characteristic}); choose a smaller depth.")  # fmt: skip
     return result
 
 

@@ -1,4 +1,4 @@
-"""Recipe to particle: the one function that a reader should read first, and its streaming form.
+"""Recipe to particle: the module that a reader should read first.
 
 parameters -> radius -> mesh -> twist -> smooth -> fit to box -> flatten -> check.
 """
@@ -154,17 +154,30 @@ def _finish(recipe: Recipe, base: Mesh, radius: np.ndarray) -> Particle:
     The twist carries the true surface without crossings, but flat triangles too coarse for the relief may
     cross.  The radial graph before it is always sound, so that relaxing its logarithm around the crossings,
     in rings that widen from round to round, tends to a twisted sphere, which is (coarser meshes are refused
-    by the recipe).  What was relaxed is reported with the particle.
+    by the recipe).  Where a sound body loses its soundness by the flattening, the blended band is narrowed
+    first.  What was changed is reported with the particle.
     """
     log_radius = np.log(radius)
     relaxed = np.zeros(len(radius), dtype=bool)
+    band = recipe.flatten_band
+    is_cut = recipe.flatten and recipe.flatten_depth > 0.0
     for round_ in range(_MAX_ROUNDS + 1):
         uncut = _calibrated(recipe, base, np.exp(log_radius) if round_ else radius)
-        mesh = _flattened(recipe, uncut)
-        report = check(mesh)
-        if report.sound:
-            return Particle(recipe, mesh, report, relaxed_vertices=int(relaxed.sum()), relaxation_rounds=round_)
-        region = _crossing_region(recipe, mesh, report, uncut, rings=1 + round_ // 3)
+        # Only a sound body can be cut; without a cut the one check at the end serves for both.
+        report = check(uncut) if is_cut else None
+        if report is None or report.sound:
+            mesh = _flattened(recipe, uncut, band)
+            report = check(mesh)
+            if report.sound:
+                return Particle(recipe, mesh, report, int(relaxed.sum()), round_, band)
+            uncut_report = check(uncut)
+            if uncut_report.sound and band > 0.0:
+                band = 0.5 * band if band > 0.1 * recipe.flatten_band else 0.0
+                continue
+            region = _bottom(recipe, uncut) if uncut_report.sound else _faulty(uncut, uncut_report)
+        else:
+            region = _faulty(uncut, report)
+        region = _widened(base, region, rings=1 + round_ // 3)
         relaxed |= region
         mean = base.connectivity.neighbour_mean @ log_radius
         log_radius = np.where(region, 0.5 * (log_radius + mean), log_radius)
@@ -198,28 +211,29 @@ def _calibrated(recipe: Recipe, base: Mesh, radius: np.ndarray) -> Mesh:
     )
 
 
-def _flattened(recipe: Recipe, mesh: Mesh) -> Mesh:
+def _flattened(recipe: Recipe, mesh: Mesh, band: float) -> Mesh:
     """Support face, then the solid's centroid to the origin."""
     if recipe.flatten:
         z = mesh.vertices[:, 2]
         height = float(z.max() - z.min())
-        mesh = flatten(mesh, depth=recipe.flatten_depth * height, band=recipe.flatten_band * height)
+        mesh = flatten(mesh, depth=recipe.flatten_depth * height, band=band * height)
     return mesh.with_vertices(mesh.vertices - mesh.mass_properties.centroid)
 
 
-def _crossing_region(recipe: Recipe, mesh: Mesh, report: SoundnessReport, uncut: Mesh, rings: int) -> np.ndarray:
-    """Vertices of the radial graph within some rings of a fault, as a mask, shape (vertices,)."""
-    if mesh.connectivity is not uncut.connectivity:
-        report = check(uncut)
-        mesh = uncut
-    faces = np.union1d(report.self_intersections.ravel(), report.zero_area_faces)
-    region = np.zeros(len(uncut.vertices))
-    region[mesh.faces[faces].ravel()] = 1.0
-    if not region.any():
-        # The body before the cut is sound: the fault is at the cut.
-        z = uncut.vertices[:, 2]
-        low, high = z.min(), z.max()
-        region[z <= low + (recipe.flatten_depth + recipe.flatten_band) * (high - low)] = 1.0
+def _faulty(mesh: Mesh, report: SoundnessReport) -> np.ndarray:
+    """Vertices of the faces at fault, as a mask, shape (vertices,)."""
+    region = np.zeros(len(mesh.vertices), dtype=bool)
+    region[mesh.faces[np.union1d(report.self_intersections.ravel(), report.zero_area_faces)].ravel()] = True
+    return region
+
+
+def _bottom(recipe: Recipe, uncut: Mesh) -> np.ndarray:
+    """Vertices below the top of the band, as a mask, shape (vertices,)."""
+    z = uncut.vertices[:, 2]
+    return z <= z.min() + (recipe.flatten_depth + recipe.flatten_band) * np.ptp(z)
+
+
+def _widened(base: Mesh, region: np.ndarray, rings: int) -> np.ndarray:
     for _ in range(rings):
-        region = np.maximum(region, uncut.connectivity.neighbour_mean @ region > 0.0)
-    return region > 0.0
+        region = region | (base.connectivity.neighbour_mean @ region > 0.0)
+    return region

@@ -150,10 +150,9 @@ def encode_mesh(mesh: Mesh, format: str, *, unit: str = "mm") -> bytes:
         return "".join(text).encode()
     import trimesh
 
-    export = trimesh.Trimesh(vertices, mesh.faces, process=False).export
-    if name == "glb":
-        return export(file_type="glb", include_normals=False)
-    return export(file_type="stl") if name == "stl" else _fixed_3mf(export(file_type="3mf"), _UNITS_3MF[held])
+    options: dict[str, Any] = {"include_normals": False} if name == "glb" else {}
+    data: Any = trimesh.Trimesh(vertices, mesh.faces, process=False).export(file_type=name, **options)
+    return _fixed_3mf(data, _UNITS_3MF[held]) if name == "3mf" else data
 
 
 def _encode_ply(vertices: np.ndarray, faces: np.ndarray) -> bytes:
@@ -334,7 +333,7 @@ def _read_scene(data: bytes, name: str) -> tuple[np.ndarray, np.ndarray, float]:
     if name == "glb":
         _check_glb(data)
     # postprocess would rename bodies, and textures are not wanted.
-    options = {"skip_materials": True} if name == "glb" else {"postprocess": False}
+    options: dict[str, Any] = {"skip_materials": True} if name == "glb" else {"postprocess": False}
     scene = trimesh.load_scene(io.BytesIO(data), file_type=name, process=False, **options)
     unit = scene.metadata["units"] if name == "3mf" else "meter"
     if unit not in _PER_METRE_3MF:

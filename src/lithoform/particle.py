@@ -34,7 +34,9 @@ class Particle:
     relaxed_vertices : int
         Vertices whose relief was softened because faces crossed there after the twist (0 for most stones).
     relaxation_rounds : int
-        Rounds that took.
+        Rounds that took, narrowings of the band included.
+    flatten_band : float or None
+        Thickness of the blended band that was used [H]; below the recipe's where that would not have been sound.
     """
 
     recipe: Recipe
@@ -42,6 +44,7 @@ class Particle:
     report: SoundnessReport
     relaxed_vertices: int = 0
     relaxation_rounds: int = 0
+    flatten_band: float | None = None
 
     @property
     def mass_properties(self) -> MassProperties:
@@ -50,11 +53,12 @@ class Particle:
 
     @property
     def provenance(self) -> dict[str, Any]:
-        """How the mesh came about beyond the recipe: certificate and relaxation."""
+        """How the mesh came about beyond the recipe."""
         return {
             "certificate": self.report.certificate,
             "relaxed_vertices": self.relaxed_vertices,
             "relaxation_rounds": self.relaxation_rounds,
+            "flatten_band": self.flatten_band,
         }
 
     def save(

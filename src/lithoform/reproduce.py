@@ -5,18 +5,18 @@ Every stone is made anew by `lithoform.generation`; `lithoform.figures` draws it
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 
-from lithoform.errors import LithoformError
-from lithoform.figures import VIEW, Variation
+from lithoform.errors import LithoformError, OutputError
+from lithoform.figures import VIEW, Variation, require_pictures
 from lithoform.figures import figure_2 as draw_plate
 from lithoform.parameters import Recipe, find_parameter
 
-__all__ = ["FIGURE_2_VARIATIONS", "PARAMETER_PLATES", "SEED", "Sweep", "figure_2", "parameter_plates"]
+__all__ = ["FIGURES", "FIGURE_2_VARIATIONS", "PARAMETER_PLATES", "SEED", "Sweep", "figure_2", "parameter_plates"]
 
 SEED: Final = 19
 """Seed of the pictured stone: of seeds 0 to 35 the one with the clearest block, ledges and notches."""
@@ -136,7 +136,7 @@ PARAMETER_PLATES: Final[tuple[Sweep, ...]] = (
 def figure_2(
     out: str | Path,
     *,
-    seed: int = SEED,
+    seed: int | None = None,
     triangles: int = 20_000,
     device: str = "auto",
     threads: int | None = None,
@@ -147,7 +147,8 @@ def figure_2(
     ----------
     out : str or pathlib.Path
         PNG file, or a folder that takes ``fig2.png``.
-    seed : int
+    seed : int, optional
+        Default `SEED`.
     triangles : int
         Number of triangles of each stone.
     device : {"auto", "cpu", "cuda"}
@@ -169,16 +170,21 @@ def figure_2(
         if path.suffix and not path.is_dir():
             raise LithoformError(f"the figure is a PNG file: {path} should end in .png, or be a folder.")
         path = path / "fig2.png"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    benchmark = Recipe(seed=seed, triangles=triangles)
+    require_pictures()
+    _make_folder(path.parent)
+    benchmark = Recipe(seed=SEED if seed is None else seed, triangles=triangles)
     rows = list(_variations(FIGURE_2_VARIATIONS, benchmark, device, threads))
     return draw_plate(rows, path)
+
+
+FIGURES: Final[dict[str, Callable[..., Path]]] = {"fig2": figure_2}
+"""Figures of the paper by the name that the command line takes."""
 
 
 def parameter_plates(
     folder: str | Path,
     *,
-    seed: int = SEED,
+    seed: int | None = None,
     triangles: int = 20_000,
     device: str = "auto",
     threads: int | None = None,
@@ -204,8 +210,9 @@ def parameter_plates(
         If the stones cannot be made or drawn, or a file cannot be written.
     """
     target = Path(folder)
-    target.mkdir(parents=True, exist_ok=True)
-    benchmark = Recipe(seed=seed, triangles=triangles)
+    require_pictures()
+    _make_folder(target)
+    benchmark = Recipe(seed=SEED if seed is None else seed, triangles=triangles)
     return [
         draw_plate([row], target / f"{sweep.name}.png", cell=(190, 150), view=sweep.view, symbols=False)
         for sweep, row in zip(sweeps, _variations(sweeps, benchmark, device, threads), strict=True)
@@ -226,6 +233,13 @@ def _variations(sweeps: Iterable[Sweep], benchmark: Recipe, device: str, threads
             made[particle.recipe] = particle.mesh
         stones = [(text, made[recipe]) for text, recipe in zip(sweep.texts(), recipes, strict=True)]
         yield Variation(sweep.symbol, stones, recipes.index(benchmark) if benchmark in recipes else None)
+
+
+def _make_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"cannot make the folder {folder}: {error.strerror or error}; choose another.") from error
 
 
 def _text(value: Any) -> str:
