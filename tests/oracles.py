@@ -249,7 +249,10 @@ def ellipsoid_inertia(semi_axes) -> np.ndarray:
     return 4.0 * np.pi * a * b * c / 15.0 * np.diag([b * b + c * c, a * a + c * c, a * a + b * b])
 
 
-TETRAHEDRON = (np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], float), [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
+TETRAHEDRON = (
+    np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], float),
+    [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]],
+)
 """The corner of the unit cube: volume 1/6, centroid (1, 1, 1) / 4."""
 
 

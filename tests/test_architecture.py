@@ -21,7 +21,7 @@ HEAVY = "cyclopts matplotlib pyarrow pyvista rich scipy shapely trimesh vtk vtkm
 
 # Who may import whom inside the package. A name is a module or a folder; within a folder all is allowed.
 FOUNDATION = {"errors", "parameters", "presets", "seeds"}
-MEASURES = {"descriptors", "lab", "mesh_io"}
+MEASURES = {"descriptors", "lab", "mesh_io", "sidecar"}
 MAY_IMPORT: dict[str, set[str]] = {
     # foundation
     "errors": set(),
@@ -41,7 +41,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "soundness": {"errors", "intersections", "mesh", "warp_runtime"},
     "conditioning": {"errors", "mesh"},
     "flattening": {"errors", "mesh"},
-    "particle": FOUNDATION | {"figures", "mesh", "mesh_io", "soundness"},
+    "particle": FOUNDATION | {"figures", "mesh", "mesh_io", "rendering", "sidecar", "soundness"},
     "generation": FOUNDATION
     | {"conditioning", "flattening", "mesh", "noise", "particle", "progress", "radius", "soundness", "topology", "warp_runtime"},
     # measure
@@ -49,9 +49,10 @@ MAY_IMPORT: dict[str, set[str]] = {
     "lab": {"errors", "mesh"},
     "atomic": {"errors"},
     "mesh_io": {"atomic", "errors", "mesh", "parameters"},
+    "sidecar": {"atomic", "errors", "mesh", "mesh_io"},
     "progress": set(),
-    "planning": FOUNDATION | {"mesh_io", "recipe_io"},
-    "production": FOUNDATION | {"atomic", "generation", "mesh_io", "particle", "planning"},
+    "planning": FOUNDATION | {"mesh_io", "recipe_io", "sidecar"},
+    "production": FOUNDATION | {"atomic", "generation", "mesh_io", "particle", "planning", "sidecar"},
     # populations
     "database": FOUNDATION | MEASURES | {"generation", "mesh", "particle", "recipe_io"},
     "statistics": {"errors"},
@@ -62,8 +63,9 @@ MAY_IMPORT: dict[str, set[str]] = {
     "compaction": {"dem", "errors", "mesh"},
     "export": {"dem", "errors", "mesh"},
     # results in, pictures and pages out; nothing is computed anew
-    "figures": {"atomic", "errors", "mesh", "parameters"},
-    "reproduce": FOUNDATION | {"figures", "generation", "mesh", "particle"},
+    "rendering": {"errors", "mesh"},
+    "figures": {"atomic", "errors", "mesh", "parameters", "rendering"},
+    "reproduce": FOUNDATION | {"figures", "generation", "mesh", "particle", "rendering"},
     "report": {"errors", "figures", "mesh", "parameters"},
 }
 # On top: these may import everything below them, `__init__` so as to hand it on.

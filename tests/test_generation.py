@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 
 import numpy as np
 import pytest
@@ -22,42 +21,10 @@ from lithoform import (
     principal_frame,
     sphere,
 )
-from lithoform.parameters import PARAMETERS
 from lithoform.presets import SHAPE_CLASSES
+from table_7 import random_recipe
 
 DEVICE = "cpu"
-TABLE_7 = [p for p in PARAMETERS if p.name in {
-    "base_radius", "perturbation", "main_scale", "warp_scale", "warp_strength", "phase_offset", "octaves", "lacunarity",
-    "gain", "fbm_weight", "ridge_weight", "chip_weight", "chip_sharpness", "layer_amplitude", "layer_frequency", "twist_rate",
-}]  # fmt: skip
-
-
-def random_recipe(rng: np.random.Generator, triangles: int) -> Recipe:
-    """A recipe drawn from the whole of Table 7, with random dimensions, twist axis and twist point."""
-    values: dict[str, object] = {}
-    for p in TABLE_7:
-        if p.kind == "integer":
-            values[p.name] = int(rng.integers(p.low, p.high + 1))
-        elif p.kind == "vector":
-            values[p.name] = tuple(rng.uniform(p.low, p.high, 3))
-        elif p.name == "chip_sharpness":
-            values[p.name] = math.exp(rng.uniform(math.log(p.low), math.log(p.high)))
-        else:
-            values[p.name] = rng.uniform(p.low, p.high)
-    length, elongation, flatness = 0.02, *rng.uniform(0.2, 1.0, 2)
-    return Recipe(
-        **values,  # type: ignore[arg-type]
-        twist_axis=tuple(rng.normal(size=3)),
-        twist_point=tuple(rng.uniform(-1, 1, 3)),
-        length=length,
-        width=length * elongation,
-        height=length * elongation * flatness,
-        flatten_depth=float(rng.choice([0.0, 0.0, 0.1])),
-        triangles=triangles,
-        seed=int(rng.integers(2**63)),
-    )
-
-
 def solidity(particle: Particle) -> float:
     return particle.mesh.volume / ConvexHull(particle.mesh.vertices).volume
 

@@ -65,7 +65,7 @@ def test_ellipsoid_in_the_limit(kind):
 def test_a_body_far_from_the_origin_keeps_its_digits():
     vertices, faces = oracles.box(BOX, 3)
     near = Mesh(vertices, faces).mass_properties
-    far = Mesh(vertices + [1e6, -2e6, 3e6], faces).mass_properties
+    far = Mesh(vertices + np.array([1e6, -2e6, 3e6]), faces).mass_properties
     # The coordinates themselves are rounded to 4.7e-10 there, a relative 1e-9 of the body.
     assert far.volume == pytest.approx(near.volume, rel=1e-8)
     np.testing.assert_allclose(far.inertia, near.inertia, atol=1e-8)
@@ -145,8 +145,7 @@ def test_a_closed_surface():
 
 
 def test_open_edges():
-    vertices, faces = TETRAHEDRON
-    c = Connectivity(faces[1:], 4)
+    c = Connectivity(TETRAHEDRON[1][1:], 4)
     assert c.edges[c.edge_face_counts == 1].tolist() == [[0, 1], [0, 2], [1, 2]]
     assert np.abs(c.edge_windings).tolist() == (c.edge_face_counts == 1).astype(int).tolist()
     assert c.euler_characteristic == 1  # a disc
@@ -160,8 +159,7 @@ def test_crowded_edges():
 
 
 def test_misoriented_edges():
-    vertices, faces = TETRAHEDRON
-    turned = np.array(faces)
+    turned = np.array(TETRAHEDRON[1])
     turned[2] = turned[2][::-1]
     c = Connectivity(turned, 4)
     assert (c.edge_face_counts == 2).all()

@@ -1,7 +1,7 @@
 """Noise: against the NumPy oracle, its bound, its smoothness, its spectrum, and the quality of its hash."""
 
 from fractions import Fraction
-from itertools import combinations, product
+from itertools import combinations, pairwise, product
 
 import numpy as np
 import oracles
@@ -45,7 +45,7 @@ def test_the_gradients_are_the_edges_of_the_cube_and_have_no_mean():
     assert edges == {p for p in product((-1.0, 0.0, 1.0), repeat=3) if p.count(0.0) == 1}
     assert (GRADIENTS.sum(axis=0) == 0).all()
     # Perlin's fourth tetrahedron makes y a little livelier than x and z; no axis leans on another.
-    assert (GRADIENTS.T @ GRADIENTS == np.diag([10.0, 12.0, 10.0])).all()
+    assert (np.diag([10.0, 12.0, 10.0]) == GRADIENTS.T @ GRADIENTS).all()
     with pytest.raises(ValueError, match="read-only"):
         GRADIENTS[0, 0] = 2.0
 
@@ -209,20 +209,22 @@ def test_neighbouring_keys_are_uncorrelated():
 
 @pytest.mark.parametrize("role", [Role.WARP, Role.RELIEF])
 def test_neighbouring_seeds_and_octaves_are_uncorrelated(role):
-    fields = [gradient_noise(SITES, derive(seed, role, o))[:, 0] for seed, o in [(0, 0), (1, 0), (2, 0), (0, 1), (1, 1)]]
+    fields = [
+        gradient_noise(SITES, derive(seed, role, o))[:, 0] for seed, o in [(0, 0), (1, 0), (2, 0), (0, 1), (1, 1)]
+    ]
     for a, b in combinations(fields, 2):
         assert abs(correlation(a, b)) < FIVE_SIGMA
 
 
 def test_chips_of_neighbouring_seeds_are_uncorrelated():
     fields = [cellular_noise(SITES, derive(seed, Role.CHIPS)) for seed in range(4)]
-    gaps = [f[:, 1] - f[:, 0] for f in fields]
+    gaps = np.stack([f[:, 1] - f[:, 0] for f in fields], axis=1)
     # The feature points are jittered about fixed cells, so that the mean of a gap depends slightly on the place
     # within the cell, the same for all seeds: take that common part, a smooth function of the place, off.
     t = SITES - np.floor(SITES)
-    terms = np.stack([np.prod(np.cos(np.pi * np.array(p) * t), axis=1) for p in product(range(5), repeat=3)], axis=1)
-    rest = [g - terms @ np.linalg.lstsq(terms, g, rcond=None)[0] for g in gaps]
-    for a, b in combinations(rest, 2):
+    terms = np.stack([np.prod(np.cos(np.pi * np.array(p) * t), axis=1) for p in product(range(4), repeat=3)], axis=1)
+    rest = gaps - terms @ np.linalg.lstsq(terms, gaps, rcond=None)[0]
+    for a, b in combinations(rest.T, 2):
         assert abs(correlation(a, b)) < FIVE_SIGMA
 
 
@@ -265,7 +267,9 @@ def test_gradient_indices_are_uniform_over_a_lattice_block(key, low):
         assert uniformity(np.bincount(index, minlength=16)) > P_MIN
 
 
-@pytest.mark.parametrize("offset", [(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0), (1, -1, 1), (2, 0, 0), (0, 4, 0), (0, 0, 16)])
+@pytest.mark.parametrize(
+    "offset", [(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0), (1, -1, 1), (2, 0, 0), (0, 4, 0), (0, 0, 16)]
+)
 def test_gradient_indices_of_neighbouring_cells_are_independent(offset):
     cells = block(5, 53)
     a = oracles.gradient_index(cells, KEYS[4], 0)
@@ -365,7 +369,7 @@ def measured_slope(lacunarity: float, gain: float) -> float:
     # Logarithmic means over bins of a quarter octave of lambda, from 2 a unit for a whole number of octaves.
     whole = int(np.log(24 / 2) / np.log(lacunarity))
     edges = 2.0 * lacunarity ** (np.arange(4 * whole + 1) / 4)
-    bins = [(frequency >= a) & (frequency < b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    bins = [(frequency >= a) & (frequency < b) for a, b in pairwise(edges)]
     x = [np.log(frequency[b]).mean() for b in bins]
     y = [np.log(power[b].mean()) for b in bins]
     return float(np.polyfit(x, y, 1)[0])

@@ -41,37 +41,47 @@ def random_recipes(count: int, seed: int) -> list[Recipe]:
 RANDOM = random_recipes(30, seed=1)
 
 EXTREMES = {
-    "O=0": dict(octaves=0),
-    "O=0, delta": dict(octaves=0, phase_offset=(6, -6, 6)),
-    "O=10, lambda=3, g=1": dict(octaves=10, lacunarity=3.0, gain=1.0),
-    "lambda=0": dict(lacunarity=0.0),
-    "g=0": dict(gain=0.0),
-    "k=0": dict(k=0.0),
-    "k=1": dict(k=1.0),
-    "A_L=8": dict(A_L=8.0),
-    "A_L=8, f_L=5": dict(A_L=8.0, f_L=5.0),
-    "f_L=0": dict(f_L=0.0),
-    "no weights": dict(alpha=0, beta=0, gamma=0),
-    "chips alone, kappa=0.1": dict(alpha=0, beta=0, gamma=2, kappa=0.1),
-    "chips alone, kappa=128": dict(alpha=0, beta=0, gamma=2, kappa=128),
-    "ridges alone": dict(alpha=0, beta=1, gamma=0),
-    "s=0": dict(s=0),
-    "s=0, eta=0": dict(s=0, eta=0),
-    "s_w=0": dict(s_w=0),
-    "s=3, s_w=3, eta=1": dict(s=3, s_w=3, eta=1),
-    "r tiny": dict(r=1e-6),
-    "r=5": dict(r=5, rho=0),
-    "largest seed": dict(seed=2**64 - 1),
+    "O=0": {"octaves": 0},
+    "O=0, delta": {"octaves": 0, "phase_offset": (6, -6, 6)},
+    "O=10, lambda=3, g=1": {"octaves": 10, "lacunarity": 3.0, "gain": 1.0},
+    "lambda=0": {"lacunarity": 0.0},
+    "g=0": {"gain": 0.0},
+    "k=0": {"k": 0.0},
+    "k=1": {"k": 1.0},
+    "A_L=8": {"A_L": 8.0},
+    "A_L=8, f_L=5": {"A_L": 8.0, "f_L": 5.0},
+    "f_L=0": {"f_L": 0.0},
+    "no weights": {"alpha": 0, "beta": 0, "gamma": 0},
+    "chips alone, kappa=0.1": {"alpha": 0, "beta": 0, "gamma": 2, "kappa": 0.1},
+    "chips alone, kappa=128": {"alpha": 0, "beta": 0, "gamma": 2, "kappa": 128},
+    "ridges alone": {"alpha": 0, "beta": 1, "gamma": 0},
+    "s=0": {"s": 0},
+    "s=0, eta=0": {"s": 0, "eta": 0},
+    "s_w=0": {"s_w": 0},
+    "s=3, s_w=3, eta=1": {"s": 3, "s_w": 3, "eta": 1},
+    "r tiny": {"r": 1e-6},
+    "r=5": {"r": 5, "rho": 0},
+    "largest seed": {"seed": 2**64 - 1},
 }
 
 
 # ------------------------------------------------------------------------------------------------ values
 
 
+def tolerance(recipe: Recipe) -> float:
+    """1e-12, or what two orders of summation may differ by where the octaves amplify rounding more than that.
+
+    The slope of FBM is about sum w_o lambda^o.  A rounding of the warp is amplified by it once, one of the warped
+    point a second time: 2e-9 at lambda = 3, O = 10, g = 1; below 1e-12 for slopes up to 60 (the benchmark: 2).
+    """
+    weights = oracles.octave_weights(recipe)
+    slope = float(sum(w * recipe.lacunarity**o for o, w in enumerate(weights)))
+    return max(1e-12, 4 * 2.0**-53 * slope * (1.0 + recipe.warp_strength * slope))
+
+
 def against_oracle(recipe: Recipe, directions: np.ndarray) -> None:
-    np.testing.assert_allclose(
-        radii([recipe], directions)[0], oracles.radius(recipe, directions), rtol=1e-12, atol=0, err_msg=repr(recipe)
-    )
+    made, expected = radii([recipe], directions)[0], oracles.radius(recipe, directions)
+    np.testing.assert_allclose(made, expected, rtol=tolerance(recipe), atol=0, err_msg=repr(recipe))
 
 
 @pytest.mark.parametrize("recipe", [benchmark_recipe(), benchmark_recipe(seed=2**64 - 1)])
@@ -137,7 +147,7 @@ def test_constant_chips_are_no_relief(seed):
 
 
 def test_no_weights_and_no_perturbation_give_the_sphere():
-    for change in (dict(alpha=0, beta=0, gamma=0), dict(k=0)):
+    for change in ({"alpha": 0, "beta": 0, "gamma": 0}, {"k": 0}):
         assert (radii([benchmark_recipe(**change)], DIRECTIONS) == 0.5).all()
 
 
@@ -205,7 +215,10 @@ def test_repeated_calls_give_the_same_bits():
 
 def normalised(make, seeds) -> np.ndarray:
     """Fields without mean and of unit length, shape (seeds, directions): products are correlations."""
-    f = radii([make(seed) for seed in seeds], sphere("octahedral", 8).vertices)
+    recipes = [make(seed) for seed in seeds]
+    sample = field(recipes, sphere("octahedral", 8).vertices)
+    gamma = np.array([[recipe.chip_weight] for recipe in recipes])
+    f = (sample.relief + gamma * (sample.chips - sample.chips.mean(axis=1, keepdims=True))) * sample.layers
     f = f - f.mean(axis=1, keepdims=True)
     return f / np.sqrt((f**2).sum(axis=1, keepdims=True))
 
@@ -271,18 +284,20 @@ def test_the_guard_does_not_depend_on_its_neighbours():
 def test_at_k_1_the_deepest_point_is_at_the_floor_and_not_at_the_centre():
     deepest = []
     for seed in range(12):
-        recipe = benchmark_recipe(k=1.0, seed=seed)
+        recipe = benchmark_recipe(k=1.0, beta=0, gamma=0, seed=seed)
         r = radii([recipe], reference_directions())[0] / recipe.base_radius
         assert r.min() >= RADIUS_FLOOR
         deepest.append(r.min())
-    assert min(deepest) < 1.001 * RADIUS_FLOOR  # where the largest |N| is a pit, the guard is reached
+    # FBM alone has no preferred sign: where the largest |N| is a pit, and only there, the guard is reached.
+    assert 2 <= sum(d < 1.001 * RADIUS_FLOOR for d in deepest) <= 10
 
 
 # ------------------------------------------------------------------------------------------------ ridges
 
 
 def test_ridges_are_recentred_as_the_papers_solidity_shows():
-    # The specification's decision: eq. 7 as printed gives a mean solidity of 0.949, re-centred 0.891; the paper has 0.895.
+    # The specification's decision: eq. 7 as printed gives a mean solidity of 0.949, re-centred 0.891; the paper
+    # has 0.895.
     ball = sphere("octahedral", 25)
     recipes = [database_recipe(SHAPE_CLASSES[i % 4], seed=particle_seed(1, i + 1)) for i in range(24)]
 
@@ -302,7 +317,7 @@ def test_ridges_are_recentred_as_the_papers_solidity_shows():
 
 
 def test_more_octaves_refine_the_same_stone():
-    # Each octave adds to the last: the correlation with the finest grows.
+    # Each octave is added to the same coarser ones: the correlation with the finest grows.
     f = normalised(lambda o: benchmark_recipe(octaves=o, beta=0, gamma=0, eta=0), range(1, 9))
     likeness = f @ f[-1]
     assert all(a < b for a, b in pairwise(likeness))

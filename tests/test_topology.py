@@ -63,14 +63,15 @@ def test_symmetric_under_reflection_through_the_centre(kind, n):
     np.testing.assert_allclose(v[ahead], -v[behind], atol=1e-14)
 
 
+# At about 20,000 triangles each; the icosahedral ratio still grows with n (1.95 at n = 50).
 @pytest.mark.parametrize(
-    ("kind", "ratio", "smallest"), [("octahedral", 1.74, 45.0), ("icosahedral", 1.92, 54.0)]
+    ("kind", "n", "ratio", "smallest"), [("octahedral", 50, 1.74, 45.0), ("icosahedral", 32, 1.92, 54.0)]
 )
-def test_evenness_at_50(kind, ratio, smallest):
-    mesh = sphere(kind, 50)
+def test_evenness(kind, n, ratio, smallest):
+    mesh = sphere(kind, n)
     area = np.linalg.norm(mesh.area_vectors, axis=1)
     assert area.max() / area.min() == pytest.approx(ratio, abs=0.01)
-    assert angles(mesh).min() == pytest.approx(smallest, abs=0.5)
+    assert angles(mesh).min() == pytest.approx(smallest, abs=0.05)
     assert np.allclose(angles(mesh).sum(axis=1), 180)
 
 

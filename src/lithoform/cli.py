@@ -120,7 +120,7 @@ def generate(
     # What can be refused is refused before OUT is touched.
     resolve_device(device)
     if picture:
-        from lithoform.figures import require_pictures
+        from lithoform.rendering import require_pictures
 
         require_pictures()
     production.open_run(out, plan, overwrite=overwrite, resume=resume)
@@ -282,13 +282,14 @@ def _one_line(error: Exception) -> str:
 
 def _draw_gallery(out: Path, plan: Plan) -> Path:
     from lithoform.figures import gallery
-    from lithoform.mesh_io import UNITS, read_mesh, read_sidecar
+    from lithoform.mesh_io import UNITS, read_mesh
     from lithoform.production import PICTURE_FILE
+    from lithoform.sidecar import read_sidecar, sidecar_path
 
     meshes, captions = [], []
     for number in range(1, min(plan.count, MAX_PICTURED) + 1):
         path = out / plan.mesh_file(number)
-        sidecar = read_sidecar(path.with_suffix(".json"))
+        sidecar = read_sidecar(sidecar_path(path))
         recipe = sidecar["recipe"]
         size = " x ".join(f"{recipe[n] * UNITS[plan.unit]:.3g}" for n in ("length", "width", "height"))
         meshes.append(read_mesh(path, unit=plan.unit))

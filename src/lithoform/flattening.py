@@ -149,7 +149,7 @@ def _cut(mesh: Mesh, level: float, band: float) -> Mesh:
     characteristic = len(result.vertices) - len(result.faces) // 2
     if characteristic < min(2, connectivity.euler_characteristic):
         raise MeshError(f"expected a cut that leaves no hole through the body, but above z = {level} "
-                        f"is a ring (Euler characteristic {characteristic}); choose a smaller depth.")  # fmt: skip
+                        f"is a ring (Euler number {characteristic}); choose a smaller depth.")  # fmt: skip
     return result
 
 

@@ -154,39 +154,50 @@ def _finish(recipe: Recipe, base: Mesh, radius: np.ndarray) -> Particle:
     The twist carries the true surface without crossings, but flat triangles too coarse for the relief may
     cross.  The radial graph before it is always sound, so that relaxing its logarithm around the crossings,
     in rings that widen from round to round, tends to a twisted sphere, which is (coarser meshes are refused
-    by the recipe).  Where a sound body loses its soundness by the flattening, the blended band is narrowed
-    first.  What was changed is reported with the particle.
+    by the recipe).  Where the blended band of the flattening is at fault it is narrowed.  What was changed is
+    reported with the particle.
     """
     log_radius = np.log(radius)
     relaxed = np.zeros(len(radius), dtype=bool)
-    band = recipe.flatten_band
     is_cut = recipe.flatten and recipe.flatten_depth > 0.0
+    band = recipe.flatten_band
+    uncut = _calibrated(recipe, base, radius)
+    # Only a sound body can be cut; without a cut the one check at the end serves for both.
+    report = _check_stored(uncut) if is_cut else None
     for round_ in range(_MAX_ROUNDS + 1):
-        uncut = _calibrated(recipe, base, np.exp(log_radius) if round_ else radius)
-        # Only a sound body can be cut; without a cut the one check at the end serves for both.
-        report = check(uncut) if is_cut else None
         if report is None or report.sound:
             mesh = _flattened(recipe, uncut, band)
-            report = check(mesh)
+            report = _check_stored(mesh)
             if report.sound:
                 return Particle(recipe, mesh, report, int(relaxed.sum()), round_, band)
-            uncut_report = check(uncut)
-            if uncut_report.sound and band > 0.0:
-                band = 0.5 * band if band > 0.1 * recipe.flatten_band else 0.0
+            at_bottom = _bottom(recipe, uncut, band)
+            if is_cut and band > 0.0:
+                band = _narrower(band, recipe)
+                report = None
                 continue
-            region = _bottom(recipe, uncut) if uncut_report.sound else _faulty(uncut, uncut_report)
+            region = at_bottom if is_cut else _faulty(mesh, report)
+            if (region & at_bottom).any():
+                band = _narrower(band, recipe)
         else:
             region = _faulty(uncut, report)
         region = _widened(base, region, rings=1 + round_ // 3)
         relaxed |= region
         mean = base.connectivity.neighbour_mean @ log_radius
         log_radius = np.where(region, 0.5 * (log_radius + mean), log_radius)
+        uncut = _calibrated(recipe, base, np.exp(log_radius))
+        report = _check_stored(uncut) if is_cut else None
+    problems = _check_stored(_flattened(recipe, uncut, band)).problems() if report is None else report.problems()
     raise UnsoundMeshError(
-        f"no sound mesh was found for this recipe ({'; '.join(report.problems())}); try more triangles, a smaller twist "
-        f"rate or a smaller k.  The recipe: {recipe}",
+        f"no sound mesh was found for this recipe ({'; '.join(problems)}); try more triangles, a smaller twist rate or "
+        f"a smaller k.  The recipe: {recipe}",
         report,
         recipe,
     )
+
+
+def _narrower(band: float, recipe: Recipe) -> float:
+    """Half the band, and none after three halvings."""
+    return 0.5 * band if band > 0.2 * recipe.flatten_band else 0.0
 
 
 def _calibrated(recipe: Recipe, base: Mesh, radius: np.ndarray) -> Mesh:
@@ -220,6 +231,18 @@ def _flattened(recipe: Recipe, mesh: Mesh, band: float) -> Mesh:
     return mesh.with_vertices(mesh.vertices - mesh.mass_properties.centroid)
 
 
+def _check_stored(mesh: Mesh) -> SoundnessReport:
+    """Report of a mesh that must be sound as it is and after the rounding of a file of 32-bit numbers.
+
+    The rounding is that of the default file, an STL in millimetres; `Particle.save` checks any other.
+    """
+    report = check(mesh)
+    if not report.sound:
+        return report
+    rounded = check(mesh.with_vertices((mesh.vertices * 1000.0).astype(np.float32)))
+    return report if rounded.sound else rounded
+
+
 def _faulty(mesh: Mesh, report: SoundnessReport) -> np.ndarray:
     """Vertices of the faces at fault, as a mask, shape (vertices,)."""
     region = np.zeros(len(mesh.vertices), dtype=bool)
@@ -227,10 +250,10 @@ def _faulty(mesh: Mesh, report: SoundnessReport) -> np.ndarray:
     return region
 
 
-def _bottom(recipe: Recipe, uncut: Mesh) -> np.ndarray:
+def _bottom(recipe: Recipe, uncut: Mesh, band: float) -> np.ndarray:
     """Vertices below the top of the band, as a mask, shape (vertices,)."""
     z = uncut.vertices[:, 2]
-    return z <= z.min() + (recipe.flatten_depth + recipe.flatten_band) * np.ptp(z)
+    return z <= z.min() + (recipe.flatten_depth + band) * np.ptp(z)
 
 
 def _widened(base: Mesh, region: np.ndarray, rings: int) -> np.ndarray:

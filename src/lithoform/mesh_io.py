@@ -1,4 +1,4 @@
-"""Meshes to files and back (stl, ply, obj, glb, 3mf), each with a sidecar that says how it was made.
+"""Meshes to files and back (stl, ply, obj, glb, 3mf); `lithoform.sidecar` says beside each how it was made.
 
 Inside lithoform lengths are metres; a unit of another name exists only here, at the edge.  The same mesh
 gives the same bytes on every run.  Reading repairs and drops nothing: what is not whole is an error.
@@ -15,7 +15,6 @@ import struct
 import zipfile
 from collections.abc import Iterable
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Final, Literal
 
@@ -27,8 +26,8 @@ from lithoform.mesh import Mesh
 from lithoform.parameters import suggest
 
 __all__ = [
-    "FORMATS", "UNITS", "MeshFormat", "build_sidecar", "encode_mesh", "file_unit", "format_of", "read_mesh",
-    "read_sidecar", "sidecar_path", "stored_vertices", "write_mesh", "write_sidecar",
+    "FORMATS", "UNITS", "MeshFormat", "encode_mesh", "file_unit", "format_of", "known_key", "read_bytes", "read_mesh",
+    "stored_vertices", "write_mesh",
 ]  # fmt: skip
 
 _Path = str | os.PathLike[str]
@@ -81,25 +80,20 @@ _STL_TRIANGLE: Final = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)
 _STL_FACET: Final = ("facet normal 0 0 0 outer loop " + "vertex 0 0 0 " * 3 + "endloop endfacet").split()
 _OBJ_HEADER: Final = "# lithoform: {} vertices, {} triangles\n"
 _POLYGONS: Final = "expected triangles, but it holds polygons of more corners; triangulate it before."
-_SCHEMA: Final = 1
-_SIDECAR_KEYS: Final = (
-    "lithoform", "schema", "recipe", "seed", "file", "format", "unit", "units", "triangles", "vertices",
-    "volume", "area", "centroid", "inertia", "content_sha256", "file_sha256",
-)  # fmt: skip
 
 
 def format_of(path: _Path) -> str:
     """Key of `FORMATS` that a file's extension tells; a `FileFormatError` that names the nearest if none."""
     try:
-        return _known("mesh format", Path(path).suffix, FORMATS)
+        return known_key("mesh format", Path(path).suffix, FORMATS)
     except FileFormatError as error:
         raise FileFormatError(f"{path}: {error}") from None
 
 
 def file_unit(format: str, unit: str) -> str:
     """Unit that a file really holds when `unit` is asked for: always "m" in glb, as asked in the others."""
-    asked = _known("unit", unit, UNITS)
-    return "m" if FORMATS[_known("mesh format", format, FORMATS)].unit_rule == "metre" else asked
+    asked = known_key("unit", unit, UNITS)
+    return "m" if FORMATS[known_key("mesh format", format, FORMATS)].unit_rule == "metre" else asked
 
 
 def stored_vertices(mesh: Mesh, format: str, unit: str = "mm") -> np.ndarray:
@@ -124,7 +118,7 @@ def stored_vertices(mesh: Mesh, format: str, unit: str = "mm") -> np.ndarray:
     MeshError
         If a coordinate is too large for the format.
     """
-    name, scale = _known("mesh format", format, FORMATS), UNITS[file_unit(format, unit)]
+    name, scale = known_key("mesh format", format, FORMATS), UNITS[file_unit(format, unit)]
     with np.errstate(over="ignore", under="ignore"):
         stored = (mesh.vertices * scale).astype(FORMATS[name].dtype).astype(np.float64)
     if not np.isfinite(stored).all():
@@ -138,7 +132,7 @@ def encode_mesh(mesh: Mesh, format: str, *, unit: str = "mm") -> bytes:
 
     The mesh is in metres; the format, the unit and the errors are those of `stored_vertices`.
     """
-    name, held = _known("mesh format", format, FORMATS), file_unit(format, unit)
+    name, held = known_key("mesh format", format, FORMATS), file_unit(format, unit)
     vertices = stored_vertices(mesh, format, unit)
     if name == "ply":
         return _encode_ply(vertices, mesh.faces)
@@ -238,8 +232,8 @@ def read_mesh(path: _Path, *, unit: str = "mm") -> Mesh:
         has coordinates that are not finite; the message names the file.
     """
     path = Path(path)
-    name, per_metre = format_of(path), UNITS[_known("unit", unit, UNITS)]
-    data = _content(path)
+    name, per_metre = format_of(path), UNITS[known_key("unit", unit, UNITS)]
+    data = read_bytes(path)
     found = _MAGIC.get(data[:4], name if name in ("stl", "obj") else "different")
     if found != name:
         raise FileFormatError(f"{path}: its name says {name}, but its content is {found}; rename it.")
@@ -362,14 +356,16 @@ def _check_glb(data: bytes) -> None:
         raise FileFormatError("expected plain triangles, got points, lines, strips or packed data.")
 
 
-def _known(kind: str, value: str, known: Iterable[str]) -> str:
+def known_key(kind: str, value: str, known: Iterable[str]) -> str:
+    """The key of a table that a user's word means, in any case; a `FileFormatError` that names the nearest if none."""
     key = str(value).lower().removeprefix(".")
     if key not in known:
         raise FileFormatError(f"expected a {kind} of {', '.join(known)}, got {value!r}.{suggest(key, known)}")
     return key
 
 
-def _content(path: Path) -> bytes:
+def read_bytes(path: Path) -> bytes:
+    """Content of a file; a `FileFormatError` if it is not there, cannot be read or is empty."""
     try:
         data = path.read_bytes()
     except FileNotFoundError:
@@ -380,103 +376,3 @@ def _content(path: Path) -> bytes:
     if not data:
         raise FileFormatError(f"{path}: it is empty; the program that wrote it may have been stopped.")
     return data
-
-
-def build_sidecar(
-    *,
-    recipe: dict[str, Any],
-    mesh: Mesh,
-    mesh_file: str,
-    file_sha256: str,
-    format: str,
-    unit: str,
-    extra: dict[str, Any] | None = None,
-) -> dict[str, Any]:
-    """What made a mesh, what is in its file, and the checksums of both.
-
-    Parameters
-    ----------
-    recipe : dict
-        `Recipe.as_dict()`, with its seed.
-    mesh : Mesh
-        In metres, before the rounding of the file.
-    mesh_file, file_sha256 : str
-        Name of the file (its folder is dropped), and what `write_mesh` returned.
-    format, unit : str
-        As given to `write_mesh`; the entry "unit" is that of the file, see `file_unit`.
-    extra : dict, optional
-        Further entries, plain values.
-
-    Returns
-    -------
-    dict
-        Mass properties (the inertia tensor about the centroid, at unit density) are in the file's unit, as
-        "units" tells; "content_sha256" is `Mesh.content_hash`, of vertices and faces in metres.
-
-    Raises
-    ------
-    FileFormatError
-        If the format or the unit is unknown, or `extra` has a key of the sidecar itself.
-    MeshError
-        If the mesh encloses no volume.
-    """
-    name, held = _known("mesh format", format, FORMATS), file_unit(format, unit)
-    u, mass = UNITS[held], mesh.mass_properties
-    try:
-        program = version("lithoform")
-    except PackageNotFoundError:
-        program = "0+unknown"  # run from a folder, not installed
-    taken = [key for key in extra or {} if key in _SIDECAR_KEYS]
-    if taken:
-        raise FileFormatError(f"a sidecar has its own {', '.join(taken)}; rename them.")
-    values = (
-        program, _SCHEMA, recipe, recipe.get("seed"), Path(mesh_file).name, name, held,
-        {"volume": f"{held}^3", "area": f"{held}^2", "centroid": held, "inertia": f"{held}^5"},
-        len(mesh.faces), len(mesh.vertices), mass.volume * u**3, mass.area * u**2,
-        (mass.centroid * u).tolist(), (mass.inertia * u**5).tolist(), mesh.content_hash, file_sha256,
-    )  # fmt: skip
-    return dict(zip(_SIDECAR_KEYS, values, strict=True)) | (extra or {})
-
-
-def sidecar_path(mesh_file: _Path) -> Path:
-    """The JSON file beside a mesh file: 000001.stl -> 000001.json."""
-    return Path(mesh_file).with_suffix(".json")
-
-
-def write_sidecar(path: _Path, sidecar: dict[str, Any]) -> None:
-    """Write a sidecar as JSON, keys in their order, floats and 64-bit integers exact.
-
-    Raises
-    ------
-    FileFormatError, OutputError
-        If a value is not finite or not a plain one; if the file cannot be written.
-    """
-    try:
-        text = json.dumps(sidecar, indent=2, allow_nan=False, ensure_ascii=False)
-    except (TypeError, ValueError) as error:
-        raise FileFormatError(f"{path}: expected plain, finite values in the sidecar ({error}).") from None
-    atomic_write(path, (text + "\n").encode())
-
-
-def read_sidecar(path: _Path) -> dict[str, Any]:
-    """Read a sidecar; a `FileFormatError` if it is missing or broken, lacks a key, or is too new."""
-    path = Path(path)
-    try:
-        sidecar = json.loads(_content(path), parse_constant=_refuse)
-    except FileFormatError:
-        raise
-    except (ValueError, RecursionError):
-        raise FileFormatError(f"{path}: expected a sidecar in JSON; it is truncated or damaged.") from None
-    schema = sidecar.get("schema") if isinstance(sidecar, dict) else None
-    is_number = type(schema) is int  # True, too, is equal to 1
-    if is_number and schema > _SCHEMA:
-        raise FileFormatError(f"{path}: its schema {schema} is newer than {_SCHEMA}; update lithoform.")
-    missing = [key for key in _SIDECAR_KEYS if not isinstance(sidecar, dict) or key not in sidecar]
-    if missing or not is_number or schema != _SCHEMA:
-        lacks = f"lacks {', '.join(missing)}" if missing else f"says schema {schema!r}"
-        raise FileFormatError(f"{path}: expected a lithoform sidecar of schema {_SCHEMA}, but it {lacks}.")
-    return sidecar
-
-
-def _refuse(constant: str) -> float:
-    raise ValueError(constant)

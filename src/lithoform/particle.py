@@ -10,6 +10,7 @@ from lithoform import mesh_io
 from lithoform.errors import UnsoundMeshError
 from lithoform.mesh import MassProperties, Mesh
 from lithoform.parameters import Recipe
+from lithoform.sidecar import build_sidecar, sidecar_path, write_sidecar
 from lithoform.soundness import SoundnessReport, check
 
 if TYPE_CHECKING:
@@ -102,7 +103,7 @@ class Particle:
                 self.recipe,
             )
         digest = mesh_io.write_mesh(target, self.mesh, unit=unit, format=kind)
-        sidecar = mesh_io.build_sidecar(
+        sidecar = build_sidecar(
             recipe=self.recipe.as_dict(),
             mesh=self.mesh,
             mesh_file=target.name,
@@ -111,7 +112,7 @@ class Particle:
             unit=unit,
             extra={"provenance": self.provenance, **(extra or {})},
         )
-        mesh_io.write_sidecar(target.with_suffix(".json"), sidecar)
+        write_sidecar(sidecar_path(target), sidecar)
         return sidecar
 
     def to_trimesh(self) -> trimesh.Trimesh:
@@ -122,7 +123,7 @@ class Particle:
 
     def to_pyvista(self) -> pyvista.PolyData:
         """The mesh as a PyVista object [m]; needs the extra ``pictures``."""
-        from lithoform.figures import to_polydata
+        from lithoform.rendering import to_polydata
 
         return to_polydata(self.mesh)
 
@@ -133,7 +134,8 @@ class Particle:
     def _repr_png_(self) -> bytes | None:
         """Picture for notebooks, where the extra ``pictures`` is installed."""
         from lithoform.errors import LithoformError
-        from lithoform.figures import png_bytes, render
+        from lithoform.figures import png_bytes
+        from lithoform.rendering import render
 
         try:
             return png_bytes(render(self.mesh))

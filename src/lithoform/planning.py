@@ -13,6 +13,7 @@ from lithoform.parameters import Recipe, suggest
 from lithoform.presets import PRESETS, SHAPE_CLASSES, benchmark_recipe, database_recipe, draw_size, particle_seed
 from lithoform.recipe_io import from_dict, parse_settings, read_recipe
 from lithoform.seeds import MAX_SEED
+from lithoform.sidecar import read_sidecar
 
 __all__ = ["Plan", "plan_run"]
 
@@ -193,7 +194,7 @@ def _sidecar_of(path: Path) -> dict[str, Any]:
     if path.suffix.lower() != ".json":
         return {}
     try:
-        return mesh_io.read_sidecar(path)
+        return read_sidecar(path)
     except FileFormatError:
         return {}
 

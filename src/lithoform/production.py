@@ -21,6 +21,7 @@ from lithoform.generation import generate_many
 from lithoform.parameters import Recipe
 from lithoform.particle import Particle
 from lithoform.planning import Plan
+from lithoform.sidecar import read_sidecar, sidecar_path
 
 __all__ = ["PICTURE_FILE", "PLAN_FILE", "TABLE_FILE", "open_run", "produce", "unfinished", "write_table"]
 
@@ -98,7 +99,7 @@ def unfinished(out: Path, plan: Plan) -> list[int]:
 
 def _is_finished(mesh_file: Path) -> bool:
     try:
-        expected = mesh_io.read_sidecar(mesh_file.with_suffix(".json"))["file_sha256"]
+        expected = read_sidecar(sidecar_path(mesh_file))["file_sha256"]
         return hashlib.sha256(mesh_file.read_bytes()).hexdigest() == expected
     except (FileFormatError, OSError):
         return False
@@ -168,7 +169,7 @@ def write_table(out: Path, plan: Plan) -> Path:
     with atomic_path(target) as partial, pq.ParquetWriter(partial, schema) as writer:
         for start in range(1, plan.count + 1, _ROW_GROUP):
             numbers = range(start, min(start + _ROW_GROUP, plan.count + 1))
-            rows = [_row(mesh_io.read_sidecar((out / plan.mesh_file(n)).with_suffix(".json"))) for n in numbers]
+            rows = [_row(read_sidecar(sidecar_path(out / plan.mesh_file(n)))) for n in numbers]
             writer.write_table(pa.Table.from_pylist(rows, schema=schema))
     return target
 

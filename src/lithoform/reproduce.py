@@ -12,9 +12,10 @@ from pathlib import Path
 from typing import Any, Final
 
 from lithoform.errors import LithoformError, OutputError
-from lithoform.figures import VIEW, Variation, require_pictures
+from lithoform.figures import Variation
 from lithoform.figures import figure_2 as draw_plate
 from lithoform.parameters import Recipe, find_parameter
+from lithoform.rendering import VIEW, require_pictures
 
 __all__ = ["FIGURES", "FIGURE_2_VARIATIONS", "PARAMETER_PLATES", "SEED", "Sweep", "figure_2", "parameter_plates"]
 

@@ -1,0 +1,59 @@
+"""Fill the recipe reference from `lithoform.PARAMETERS`, so that its ranges are those of the code.
+
+A line `<!-- parameters -->` becomes the table of all of them, `<!-- parameter: NAME -->` the facts of one.
+"""
+
+import re
+from typing import Any
+
+from lithoform import PARAMETERS, Recipe
+from lithoform.parameters import Parameter
+
+_COLUMNS = ("Symbol", "Name", "Unit", "Range", "Benchmark", "Equation")
+
+
+def on_page_markdown(markdown: str, **_: Any) -> str:
+    """Called by MkDocs for every page, with its source."""
+    table = [_row(_COLUMNS), _row(["---"] * len(_COLUMNS)), *(_row(_facts(p)) for p in PARAMETERS)]
+    markdown = markdown.replace("<!-- parameters -->", "\n".join(table))
+    return re.sub(r"<!-- parameter: (\w+) -->", _one, markdown)
+
+
+def _one(match: re.Match[str]) -> str:
+    (parameter,) = (p for p in PARAMETERS if p.name == match[1])
+    symbol, name, unit, limits, benchmark, equation = _facts(parameter)
+    facts = [f"Symbol {symbol}", f"name {name}", f"unit {unit}", f"range {limits}", f"benchmark {benchmark}"]
+    if equation:
+        facts.append(f"equation {equation}")
+    return ", ".join(facts) + "."
+
+
+def _facts(parameter: Parameter) -> tuple[str, ...]:
+    equation = re.search(r"eq\. (\d+)", parameter.meaning)
+    return (
+        f"`{parameter.symbol}`",
+        f"`{parameter.name}`",
+        parameter.unit,
+        _limits(parameter),
+        _number(getattr(Recipe(), parameter.name)),
+        equation[1] if equation else "",
+    )
+
+
+def _limits(parameter: Parameter) -> str:
+    if parameter.name == "seed":
+        return "0 to 2⁶⁴ − 1"
+    if parameter.kind == "integer":
+        return f"{parameter.low:,} to {parameter.high:,}"
+    text = parameter.range_text()
+    return f"each {text}" if parameter.kind == "vector" else text
+
+
+def _number(value: Any) -> str:
+    if isinstance(value, tuple):
+        return f"({', '.join(_number(v) for v in value)})"
+    return f"{value:,}" if isinstance(value, int) else f"{value:g}"
+
+
+def _row(cells: Any) -> str:
+    return f"| {' | '.join(cells)} |"
