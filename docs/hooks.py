@@ -21,8 +21,8 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
 
 def _one(match: re.Match[str]) -> str:
     (parameter,) = (p for p in PARAMETERS if p.name == match[1])
-    symbol, name, unit, limits, benchmark, equation = _facts(parameter)
-    facts = [f"Symbol {symbol}", f"name {name}", f"unit {unit}", f"range {limits}", f"benchmark {benchmark}"]
+    symbol, _, unit, limits, benchmark, equation = _facts(parameter)
+    facts = [f"Symbol {symbol}", f"unit {unit}", f"range {limits}", f"benchmark {benchmark}"]
     if equation:
         facts.append(f"equation {equation}")
     return ", ".join(facts) + "."

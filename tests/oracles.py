@@ -39,7 +39,7 @@ def mix(h: np.ndarray, key: int) -> np.ndarray:
 
 
 PRIMES = np.array([0x8DA6B343, 0xD8163841, 0xCB1AB31F], dtype=np.uint32)
-START = np.array([0, 0, 0], dtype=np.uint32)
+START = np.array([0x243F6A88, 0x85A308D3, 0x13198A2E], dtype=np.uint32)
 
 
 def combine(cells: np.ndarray) -> np.ndarray:

@@ -10,7 +10,8 @@ from lithoform import PARAMETERS, Recipe
 
 _SWEPT = [p for p in PARAMETERS if p.name in {
     "base_radius", "perturbation", "main_scale", "warp_scale", "warp_strength", "phase_offset", "octaves", "lacunarity",
-    "gain", "fbm_weight", "ridge_weight", "chip_weight", "chip_sharpness", "layer_amplitude", "layer_frequency", "twist_rate",
+    "gain", "fbm_weight", "ridge_weight", "chip_weight", "chip_sharpness", "layer_amplitude", "layer_frequency",
+    "twist_rate",
 }]  # fmt: skip
 
 

@@ -43,7 +43,18 @@ MAY_IMPORT: dict[str, set[str]] = {
     "flattening": {"errors", "mesh"},
     "particle": FOUNDATION | {"figures", "mesh", "mesh_io", "rendering", "sidecar", "soundness"},
     "generation": FOUNDATION
-    | {"conditioning", "flattening", "mesh", "noise", "particle", "progress", "radius", "soundness", "topology", "warp_runtime"},
+    | {
+        "conditioning",
+        "flattening",
+        "mesh",
+        "noise",
+        "particle",
+        "progress",
+        "radius",
+        "soundness",
+        "topology",
+        "warp_runtime",
+    },
     # measure
     "descriptors": {"errors", "mesh"},
     "lab": {"errors", "mesh"},
@@ -83,9 +94,7 @@ def name_of(path: Path) -> str:
 def owner_of(dotted: str) -> str:
     """Return the name in the table of `lithoform.a.b`; a plain attribute of the package is `__init__`."""
     name = dotted.partition(".")[2].partition(".")[0]
-    is_ours = (
-        name in MAY_IMPORT or (PACKAGE / name / "__init__.py").exists() or (PACKAGE / f"{name}.py").exists()
-    )
+    is_ours = name in MAY_IMPORT or (PACKAGE / name / "__init__.py").exists() or (PACKAGE / f"{name}.py").exists()
     return name if name and is_ours else "__init__"
 
 

@@ -383,7 +383,7 @@ def test_every_way_of_touching_a_block_of_whole_heights(heights, level, upside_d
         result = assert_cut(body, depth)
     except MeshError as error:
         assert "is a ring" in str(error) or "touches the body only" in str(error)  # noqa: PT017
-        assert not upside_down
+        assert not upside_down or depth < 1e-6  # the lowest tips alone, all within the tolerance
         return
     total = volume_above(body, lowest + depth)
     if upside_down:

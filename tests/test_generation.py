@@ -1,4 +1,4 @@
-"""Recipe to particle: soundness over Table 7, the same bytes whatever the threads, the same stone at every resolution."""
+"""Recipe to particle: soundness over Table 7, the same bytes whatever the threads, the same stone at any resolution."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
+from table_7 import random_recipe
 
 from lithoform import (
     Particle,
@@ -22,9 +23,10 @@ from lithoform import (
     sphere,
 )
 from lithoform.presets import SHAPE_CLASSES
-from table_7 import random_recipe
 
 DEVICE = "cpu"
+
+
 def solidity(particle: Particle) -> float:
     return particle.mesh.volume / ConvexHull(particle.mesh.vertices).volume
 
@@ -75,7 +77,9 @@ def test_threads_and_batches_change_no_byte():
 
 
 def test_neighbouring_seeds_and_seed_zero_give_different_stones():
-    stones = [generate(Recipe(seed=seed, triangles=800), device=DEVICE).mesh.content_hash for seed in (0, 1, 2, 2**64 - 1)]
+    stones = [
+        generate(Recipe(seed=seed, triangles=800), device=DEVICE).mesh.content_hash for seed in (0, 1, 2, 2**64 - 1)
+    ]
     assert len(set(stones)) == 4
 
 
@@ -87,7 +91,9 @@ def test_solidity_depends_little_on_the_resolution():
     """
     for seed in range(3):
         recipe = database_recipe("column", seed=seed)
-        coarse, middle, fine = (solidity(generate(recipe.replace(triangles=n), device=DEVICE)) for n in (5000, 20000, 51200))
+        coarse, middle, fine = (
+            solidity(generate(recipe.replace(triangles=n), device=DEVICE)) for n in (5000, 20000, 51200)
+        )
         assert abs(coarse - fine) < 0.015
         assert abs(middle - fine) < 0.005
         smooth = recipe.replace(ridge_weight=0.0)

@@ -132,7 +132,7 @@ def generate(
     except KeyboardInterrupt:
         already = plan.count - len(numbers) + done
         print(
-            f"lithoform: interrupted after {already} of {plan.count} particles; add --resume to the same command to finish.",
+            f"lithoform: interrupted after {already} of {plan.count} particles; add --resume to finish it.",
             file=sys.stderr,
         )
         return 130
@@ -293,7 +293,7 @@ def _draw_gallery(out: Path, plan: Plan) -> Path:
         recipe = sidecar["recipe"]
         size = " x ".join(f"{recipe[n] * UNITS[plan.unit]:.3g}" for n in ("length", "width", "height"))
         meshes.append(read_mesh(path, unit=plan.unit))
-        captions.append(f"{number:06d}  {sidecar['class'] or ''}\n{size} {plan.unit}")
+        captions.append(f"{number:06d}  {sidecar['class']}\n{size} {plan.unit}")
     target = out / PICTURE_FILE
     gallery(meshes, captions, target)
     return target
@@ -315,7 +315,9 @@ def _report_run(
         print(json.dumps(answer, indent=2))
         return
     kept = f" ({plan.count - done} were there already)" if done < plan.count else ""
-    print(f"{plan.count} particle{'s' * (plan.count != 1)} in {out.resolve()}{kept}, every mesh checked, {seconds:.1f} s")
+    print(
+        f"{plan.count} particle{'s' * (plan.count != 1)} in {out.resolve()}{kept}, every mesh checked, {seconds:.1f} s"
+    )
     last = "" if plan.count == 1 else f" ... {plan.mesh_file(plan.count)}"
     print(f"  meshes   {plan.mesh_file(1)}{last}  ({plan.format}, {plan.unit}), with a .json sidecar each")
     print(f"  table    {table.name}")

@@ -1,6 +1,6 @@
-"""Mesh to mesh, each step of Algorithm 1 its own pure function: twist, smooth, fit_to_box, flatten.
+"""Mesh to mesh, the steps of Algorithm 1, each its own pure function: twist, smooth, fit_to_box.
 
-The connectivity is kept by every step but a cut (`flatten` with a depth, in `lithoform.capping`).
+The last step, `flatten`, is long enough for a module of its own: `lithoform.flattening`.
 """
 
 from __future__ import annotations
@@ -45,7 +45,9 @@ def twist(mesh: Mesh, *, axis: ArrayLike, point: ArrayLike, rate: float) -> Mesh
     a, p0 = np.asarray(axis, dtype=np.float64), np.asarray(point, dtype=np.float64)
     length = float(np.linalg.norm(a))
     if a.shape != (3,) or p0.shape != (3,) or not (0.0 < length < math.inf) or not math.isfinite(rate + p0.sum()):
-        raise MeshError(f"a twist needs an axis (a direction), a point and a rate, all finite; got {axis}, {point}, {rate}.")
+        raise MeshError(
+            f"a twist needs an axis (a direction), a point and a rate, all finite; got {axis}, {point}, {rate}."
+        )
     a = a / length
     if rate == 0.0:
         return mesh
@@ -193,7 +195,8 @@ def fit_to_box(
     Returns
     -------
     Mesh
-        The centroid stays where it was.
+        The centroid about which it was scaled stays where it was (that of the surface only if all factors are
+        equal: it is not carried along by other maps).
 
     Raises
     ------

@@ -69,8 +69,7 @@ def flatten(mesh: Mesh, *, depth: float = 0.0, band: float = 0.0, z0: float | No
     The tolerance is the least of 1e-6 of the median edge, 1e-3 of the shortest edge at these vertices, and
     the distance that changes the volume by 1e-10 of what a convex body would keep; but it is never less than
     rounding, nor, with a band, than the height that blending would squeeze to less than 4096 roundings.
-
-    Blending moves vertices, not the space between them: near sheets of unlike resolution may touch after it.
+    Blending moves vertices, not the space between: with a thick band, near sheets of a folded body may cross.
     """
     for name, value in (("depth", depth), ("band", band)):
         if not 0.0 <= value < math.inf:
@@ -79,8 +78,7 @@ def flatten(mesh: Mesh, *, depth: float = 0.0, band: float = 0.0, z0: float | No
         raise MeshError(f"expected a finite level z0 of the lowest point, or None to leave it, got {z0}.")
     lowest = float(mesh.vertices[:, 2].min())
     level = lowest if z0 is None else float(z0)
-    if level != lowest:
-        # In this order, so that the lowest point comes to z0 to the last bit.
+    if level != lowest:  # in this order, so that the lowest point comes to z0 to the last bit
         mesh = mesh.with_vertices(_with_heights(mesh.vertices, level + (mesh.vertices[:, 2] - lowest)))
     if depth > 0.0:
         _check_body(mesh, depth, level)
@@ -162,22 +160,24 @@ def _sides(mesh: Mesh, level: float, band: float) -> tuple[np.ndarray, np.ndarra
     faces, edges, n = mesh.faces, mesh.connectivity.edges, len(z)
     # Around a vertex in the plane, the faces that stay must form one open fan: a closed fan touches the plane
     # with its tip only, two open fans pinch the section.  Open fans are as many as faces less links.  An edge
-    # in the plane that lies inside a fan touches the plane too, and may pinch the section along it.
+    # in the plane inside a fan touches it too.  All of these go down, as the ground beside them, or up where
+    # there is none: nothing is joined and nothing is pierced.
     while (side == 0).any():
         kept = (side[faces] > 0).any(axis=1)
         faces_kept = np.bincount(faces[kept].ravel(), minlength=n)
         uses = np.bincount(mesh.connectivity.face_edges[kept].ravel(), minlength=len(edges))
-        signs = side[edges]
-        linked = edges[(uses == 2) & (signs >= 0).all(axis=1)]
+        linked = edges[(uses == 2) & (side[edges] >= 0).all(axis=1)]
         fans = faces_kept - np.bincount(linked.ravel(), minlength=n)
         tip = (side == 0) & (faces_kept > 0) & (fans == 0)
         pinch = (side == 0) & (fans > 1)
-        touching = edges[(uses == 2) & (signs == 0).all(axis=1)]
-        pinch[touching[~tip[touching].any(axis=1)]] = True
-        if not (tip.any() or pinch.any()):
+        touching = linked[(side[linked] == 0).all(axis=1)]
+        pinch[touching[~tip[touching].all(axis=1)]] = True
+        if pinch.any():
+            side[pinch], z[pinch] = -1, level - reach
+        elif tip.any():
+            side[tip], z[tip] = 1, level + reach
+        else:
             break
-        side[tip], z[tip] = 1, level + reach
-        side[pinch], z[pinch] = -1, level - reach
     return z, side
 
 
@@ -193,10 +193,10 @@ def _tolerance(mesh: Mesh, heights: np.ndarray, band: float) -> float:
     reach = min(reach, _SNAP_OF_SHORTEST_EDGE * float(lengths[near[edges].any(axis=1)].min(initial=math.inf)))
     # Moving a vertex by d along z changes the volume by d/3 of the shadow of its faces; it may move twice.
     sensitivity = 2.0 / 3.0 * float((near[faces].sum(axis=1) * np.abs(mesh.area_vectors[:, 2])).sum())
-    volume = float(_volume_above(vertices, faces, 0.0).sum())
-    remaining = float(heights.max()) / float(heights.max() - heights.min())
     if sensitivity > 0.0:
-        reach = min(reach, _VOLUME_BUDGET * volume * remaining**3 / sensitivity)
+        remaining = float(heights.max() / (heights.max() - heights.min()))
+        volume = float(_volume_above(vertices, faces, 0.0).sum()) * remaining**3
+        reach = min(reach, _VOLUME_BUDGET * volume / sensitivity)
     return max(reach, least)
 
 

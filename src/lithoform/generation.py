@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 
 from lithoform.conditioning import fit_to_box, smooth, twist
-from lithoform.errors import UnsoundMeshError
+from lithoform.errors import MeshError, UnsoundMeshError
 from lithoform.flattening import flatten
 from lithoform.mesh import Mesh
 from lithoform.parameters import Recipe, resolve_topology
@@ -145,7 +145,10 @@ def _batches(recipes: Iterable[Recipe], size: int) -> Iterator[tuple[int, list[R
 
 def _generate_batch(recipes: Sequence[Recipe], device: str) -> list[Particle]:
     base = sphere(*resolve_topology(recipes[0].triangles, recipes[0].topology))
-    return [_finish(r, base, radius) for r, radius in zip(recipes, radii(recipes, base.vertices, device=device), strict=True)]
+    return [
+        _finish(r, base, radius)
+        for r, radius in zip(recipes, radii(recipes, base.vertices, device=device), strict=True)
+    ]
 
 
 def _finish(recipe: Recipe, base: Mesh, radius: np.ndarray) -> Particle:
@@ -159,39 +162,43 @@ def _finish(recipe: Recipe, base: Mesh, radius: np.ndarray) -> Particle:
     """
     log_radius = np.log(radius)
     relaxed = np.zeros(len(radius), dtype=bool)
-    is_cut = recipe.flatten and recipe.flatten_depth > 0.0
     band = recipe.flatten_band
-    uncut = _calibrated(recipe, base, radius)
-    # Only a sound body can be cut; without a cut the one check at the end serves for both.
-    report = _check_stored(uncut) if is_cut else None
+    is_cut = recipe.flatten and recipe.flatten_depth > 0.0
+    uncut, uncut_is_sound = _calibrated(recipe, base, radius), False
+    problems = ""
     for round_ in range(_MAX_ROUNDS + 1):
+        mesh = uncut
+        # Only a sound body can be cut; without a cut the check after the flattening serves for both.
+        report = _check_stored(uncut) if is_cut and not uncut_is_sound else None
         if report is None or report.sound:
-            mesh = _flattened(recipe, uncut, band)
-            report = _check_stored(mesh)
-            if report.sound:
+            uncut_is_sound = True
+            try:
+                mesh = _flattened(recipe, uncut, band)
+                report = _check_stored(mesh)
+            except MeshError as refused:  # such as a section that would leave a ring
+                report, problems = None, str(refused)
+            if report is not None and report.sound:
                 return Particle(recipe, mesh, report, int(relaxed.sum()), round_, band)
-            at_bottom = _bottom(recipe, uncut, band)
             if is_cut and band > 0.0:
                 band = _narrower(band, recipe)
-                report = None
                 continue
-            region = at_bottom if is_cut else _faulty(mesh, report)
-            if (region & at_bottom).any():
+        at_bottom = _bottom(recipe, uncut, band)
+        if report is not None:
+            problems = "; ".join(report.problems())
+        region = at_bottom
+        if report is not None and mesh.connectivity is base.connectivity:
+            region = _faulty(mesh, report)
+            if mesh is not uncut and (region & at_bottom).any():
                 band = _narrower(band, recipe)
-        else:
-            region = _faulty(uncut, report)
         region = _widened(base, region, rings=1 + round_ // 3)
         relaxed |= region
         mean = base.connectivity.neighbour_mean @ log_radius
         log_radius = np.where(region, 0.5 * (log_radius + mean), log_radius)
-        uncut = _calibrated(recipe, base, np.exp(log_radius))
-        report = _check_stored(uncut) if is_cut else None
-    problems = _check_stored(_flattened(recipe, uncut, band)).problems() if report is None else report.problems()
+        uncut, uncut_is_sound = _calibrated(recipe, base, np.exp(log_radius)), False
     raise UnsoundMeshError(
-        f"no sound mesh was found for this recipe ({'; '.join(problems)}); try more triangles, a smaller twist rate or "
-        f"a smaller k.  The recipe: {recipe}",
-        report,
-        recipe,
+        f"no sound mesh was found for this recipe in {_MAX_ROUNDS} rounds ({problems}); try more triangles, a smaller "
+        f"twist rate or a smaller k.  The recipe: {recipe}",
+        recipe=recipe,
     )
 
 

@@ -225,7 +225,7 @@ class Mesh:
 
     @property
     def volume(self) -> float:
-        """Signed volume [u^3], positive for outward faces; of an open surface, that of the cone from its mean vertex."""
+        """Signed volume [u^3], positive for outward faces; of an open surface, that of the cone to its mean vertex."""
         return self._moments[1][1]
 
     @cached_property
@@ -249,7 +249,16 @@ class Mesh:
 def _frozen(array: np.ndarray, dtype: Any) -> np.ndarray:
     """A read-only, contiguous array; copied only if the given one could still be written to by its owner."""
     out = np.ascontiguousarray(array, dtype=dtype)
-    if out is array and out.flags.writeable:
+    if out is array and _writeable_by_others(out):
         out = out.copy()
     out.flags.writeable = False
     return out
+
+
+def _writeable_by_others(array: Any) -> bool:
+    """Whether some owner of an array's memory may still write to it."""
+    while isinstance(array, np.ndarray):
+        if array.flags.writeable:
+            return True
+        array = array.base
+    return array is not None

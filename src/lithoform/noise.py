@@ -24,7 +24,7 @@ __all__ = ["GRADIENTS", "NOISE_BOUND", "cellular_noise", "gradient_noise", "vec2
 
 wp.set_module_options(MODULE_OPTIONS)
 
-NOISE_BOUND: Final = 1.0363538112118
+NOISE_BOUND: Final = 1.036353811211803
 """Supremum of |P|: the largest value of sum_c w_c(t) max_g g.d_c over the cell, rounded up (a test finds it again)."""
 
 GRADIENTS: Final = np.array(
@@ -45,6 +45,11 @@ vec2u = wp.types.vector(length=2, dtype=wp.uint32)
 _PRIME_X = wp.constant(wp.uint32(0x8DA6B343))
 _PRIME_Y = wp.constant(wp.uint32(0xD8163841))
 _PRIME_Z = wp.constant(wp.uint32(0xCB1AB31F))
+# Offsets (digits of pi) keep the mirror cells c and -c apart: for odd p, (-a p) xor (-b p) equals (a p) xor (b p)
+# whenever a and b hold the same power of 2, and every field would repeat itself about the origin.
+_START_X = wp.constant(wp.uint32(0x243F6A88))
+_START_Y = wp.constant(wp.uint32(0x85A308D3))
+_START_Z = wp.constant(wp.uint32(0x13198A2E))
 _MIX_A = wp.constant(wp.uint32(0x7FEB352D))
 _MIX_B = wp.constant(wp.uint32(0x846CA68B))
 _STEP_A = wp.constant(wp.uint32(0x85EBCA77))
@@ -95,9 +100,9 @@ def gradient_noise_3(x: wp.vec3d, key: vec2u, gradients: wp.array(dtype=wp.vec3d
     ty = x[1] - fy
     tz = x[2] - fz
     # Unsigned arithmetic wraps: the hash is the same function on every cell of the lattice.
-    px = wp.uint32(wp.int32(fx)) * _PRIME_X
-    py = wp.uint32(wp.int32(fy)) * _PRIME_Y
-    pz = wp.uint32(wp.int32(fz)) * _PRIME_Z
+    px = wp.uint32(wp.int32(fx)) * _PRIME_X + _START_X
+    py = wp.uint32(wp.int32(fy)) * _PRIME_Y + _START_Y
+    pz = wp.uint32(wp.int32(fz)) * _PRIME_Z + _START_Z
     x0 = px ^ key[0]
     x1 = (px + _PRIME_X) ^ key[0]
     y1 = py + _PRIME_Y
@@ -144,13 +149,13 @@ def cellular_noise_2(x: wp.vec3d, key: vec2u) -> wp.vec2d:
     nearest = wp.float64(1.0)
     second = wp.float64(1.0)
     for i in range(-1, 2):
-        hx = (wp.uint32(cx + wp.int32(i)) * _PRIME_X) ^ key[0]
+        hx = (wp.uint32(cx + wp.int32(i)) * _PRIME_X + _START_X) ^ key[0]
         ax = wp.float64(i) - tx
         for j in range(-1, 2):
-            hy = hx ^ (wp.uint32(cy + wp.int32(j)) * _PRIME_Y)
+            hy = hx ^ (wp.uint32(cy + wp.int32(j)) * _PRIME_Y + _START_Y)
             ay = wp.float64(j) - ty
             for k in range(-1, 2):
-                h0 = _mix(hy ^ (wp.uint32(cz + wp.int32(k)) * _PRIME_Z), key[1])
+                h0 = _mix(hy ^ (wp.uint32(cz + wp.int32(k)) * _PRIME_Z + _START_Z), key[1])
                 h1 = _mix(h0 * _GOLDEN, _STEP_A)
                 h2 = _mix(h1 * _GOLDEN, _STEP_B)
                 dx = ax + wp.float64(h0) * _TO_UNIT

@@ -13,7 +13,7 @@ import math
 import numbers
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, get_args
 
 from lithoform.errors import RecipeError
 from lithoform.seeds import MAX_SEED
@@ -21,6 +21,11 @@ from lithoform.seeds import MAX_SEED
 __all__ = ["CHOICES", "PARAMETERS", "Parameter", "Recipe", "find_parameter", "resolve_topology", "suggest"]
 
 Vector = tuple[float, float, float]
+SmoothingMethod = Literal["laplacian", "taubin"]
+CalibrationFrame = Literal["pca", "aabb", "none"]
+CalibrationWeighting = Literal["vertices", "surface", "solid"]
+CalibrationFit = Literal["exact", "uniform"]
+Topology = Literal["auto", "octahedral", "icosahedral"]
 
 
 @dataclass(frozen=True)
@@ -105,11 +110,11 @@ PARAMETERS: Final[tuple[Parameter, ...]] = (
 )  # fmt: skip
 
 CHOICES: Final[dict[str, tuple[str, ...]]] = {
-    "smoothing_method": ("laplacian", "taubin"),
-    "calibration_frame": ("pca", "aabb", "none"),
-    "calibration_weighting": ("vertices", "surface", "solid"),
-    "calibration_fit": ("exact", "uniform"),
-    "topology": ("auto", "octahedral", "icosahedral"),
+    "smoothing_method": get_args(SmoothingMethod),
+    "calibration_frame": get_args(CalibrationFrame),
+    "calibration_weighting": get_args(CalibrationWeighting),
+    "calibration_fit": get_args(CalibrationFit),
+    "topology": get_args(Topology),
 }
 
 _FLAGS: Final = ("calibration_align", "flatten")
@@ -157,17 +162,17 @@ class Recipe:
     width: float = 1.5
     height: float = 1.0
     smoothing_iterations: int = 0
-    smoothing_method: str = "laplacian"
+    smoothing_method: SmoothingMethod = "laplacian"
     smoothing_lambda: float = 0.5
     smoothing_mu: float = -0.53
-    calibration_frame: str = "pca"
-    calibration_weighting: str = "vertices"
-    calibration_fit: str = "exact"
+    calibration_frame: CalibrationFrame = "pca"
+    calibration_weighting: CalibrationWeighting = "vertices"
+    calibration_fit: CalibrationFit = "exact"
     calibration_align: bool = True
     flatten: bool = True
     flatten_depth: float = 0.0
     flatten_band: float = 0.05
-    topology: str = "auto"
+    topology: Topology = "auto"
     triangles: int = 20_000
     seed: int = field(default=0)
 
@@ -178,7 +183,9 @@ class Recipe:
         for name, choices in CHOICES.items():
             value = getattr(self, name)
             if value not in choices:
-                raise RecipeError(f"{name} must be one of {', '.join(choices)}; got {value!r}.{suggest(value, choices)}")
+                raise RecipeError(
+                    f"{name} must be one of {', '.join(choices)}; got {value!r}.{suggest(value, choices)}"
+                )
         for name in _FLAGS:
             if not isinstance(getattr(self, name), bool):
                 raise RecipeError(f"{name} must be true or false; got {getattr(self, name)!r}.")
@@ -196,7 +203,11 @@ class Recipe:
         if self.length > 1000 * self.height:
             raise RecipeError(f"L / H must be at most 1000 (float64 meshes thinner than that are not trustworthy); "
                               f"got {self.length:g} / {self.height:g}.")  # fmt: skip
-        if self.smoothing_method == "taubin" and self.smoothing_iterations and -self.smoothing_mu <= self.smoothing_lambda:
+        if (
+            self.smoothing_method == "taubin"
+            and self.smoothing_iterations
+            and -self.smoothing_mu <= self.smoothing_lambda
+        ):
             raise RecipeError(
                 f"a Taubin pair needs -smoothing_mu > smoothing_lambda, or it shrinks; got mu = {self.smoothing_mu:g} "
                 f"and lambda = {self.smoothing_lambda:g}: try mu = {-1.06 * self.smoothing_lambda:.3g}."
@@ -212,8 +223,8 @@ class Recipe:
         if turn > _MAX_TURN:
             enough = per_square * math.ceil(n * turn / _MAX_TURN) ** 2
             raise RecipeError(
-                f"{self.triangles} triangles cannot follow a twist of {self.twist_rate:g} deg per unit at a base radius "
-                f"of {self.base_radius:g}: use at least {enough} triangles, a smaller rate or a smaller radius."
+                f"{self.triangles} triangles cannot follow a twist of {self.twist_rate:g} deg per unit at a base "
+                f"radius of {self.base_radius:g}: use at least {enough} triangles, a smaller rate or a smaller radius."
             )
 
     @property
@@ -223,10 +234,16 @@ class Recipe:
 
     def replace(self, **changes: Any) -> Recipe:
         """A copy with some fields changed, validated again; names or symbols, and `size`, are accepted."""
-        changes = dict(changes)
+        named = [(find_parameter(name), value, name) for name, value in changes.items() if name != "size"]
         if "size" in changes:
-            changes["length"], changes["width"], changes["height"] = _vector("size", changes.pop("size"))
-        return dataclasses.replace(self, **{find_parameter(name): value for name, value in changes.items()})
+            size = _vector("size", changes["size"])
+            named += [(full, value, "size") for full, value in zip(("length", "width", "height"), size, strict=True)]
+        fields: dict[str, Any] = {}
+        for full, value, name in named:
+            if full in fields:
+                raise RecipeError(f"{full} is given twice, once as {name!r}; keep one of them.")
+            fields[full] = value
+        return dataclasses.replace(self, **fields)
 
     def as_dict(self) -> dict[str, Any]:
         """Field names and values in the order of the fields (plain Python types)."""
@@ -297,7 +314,10 @@ def suggest(word: Any, known: Iterable[str]) -> str:
 def _number(parameter: Parameter, value: Any) -> float:
     if isinstance(value, bool) or not isinstance(value, numbers.Real):
         raise RecipeError(f"{_label(parameter)} must be a number; got {value!r}.")
-    number = float(value)
+    try:
+        number = float(value)
+    except OverflowError:  # a whole number beyond the range of float64
+        number = _INF
     if not math.isfinite(number):
         raise RecipeError(f"{_label(parameter)} must be finite; got {value!r}.")
     if not parameter.low <= number <= parameter.high:
@@ -312,13 +332,13 @@ def _checked(parameter: Parameter, value: Any) -> Any:
     if parameter.kind == "vector":
         vector = _vector(_label(parameter), value)
         return tuple(_number(parameter, c) for c in vector)
-    if isinstance(value, bool) or not isinstance(value, numbers.Real) or value != value or value in (_INF, -_INF):
+    is_integer = isinstance(value, numbers.Integral) and not isinstance(value, bool)
+    if not is_integer and not (isinstance(value, float) and value.is_integer()):
         raise RecipeError(f"{_label(parameter)} must be a whole number; got {value!r}.")
-    if value != int(value):
-        raise RecipeError(f"{_label(parameter)} must be a whole number; got {value:g}.")
-    if not parameter.low <= int(value) <= parameter.high:
-        raise RecipeError(f"{_label(parameter)} must be {parameter.low} to {parameter.high}; got {int(value)}.")
-    return int(value)
+    whole = int(value)
+    if not parameter.low <= whole <= parameter.high:
+        raise RecipeError(f"{_label(parameter)} must be {parameter.low} to {parameter.high}; got {whole}.")
+    return whole
 
 
 def _vector(label: str, value: Any) -> tuple[Any, ...]:

@@ -144,4 +144,6 @@ class Particle:
 
     def __repr__(self) -> str:
         size = " x ".join(f"{1e3 * d:.4g}" for d in self.recipe.size)
-        return f"Particle(seed={self.recipe.seed}, {size} mm, {len(self.mesh.faces)} triangles, {self.report.certificate})"
+        return (
+            f"Particle(seed={self.recipe.seed}, {size} mm, {len(self.mesh.faces)} triangles, {self.report.certificate})"
+        )

@@ -134,7 +134,9 @@ def plan_run(
     classes = (*SHAPE_CLASSES, "mixed")
     for name, value, known in (("class", shape_class, classes), ("preset", preset, PRESETS)):
         if value is not None and value not in known:
-            raise RecipeError(f"expected --{name} to be one of {', '.join(known)}; got {value!r}.{suggest(value, known)}")
+            raise RecipeError(
+                f"expected --{name} to be one of {', '.join(known)}; got {value!r}.{suggest(value, known)}"
+            )
     fields = parse_settings(settings)
     base: dict[str, Any] = {}
     sidecar: dict[str, Any] = {}
@@ -145,7 +147,7 @@ def plan_run(
         sidecar = _sidecar_of(recipe)
         if seed is None and count not in (None, 1):
             seed = base["seed"]
-    unit = unit or sidecar.get("unit") or "mm"
+    unit = str(unit or sidecar.get("unit") or "mm")
     metre = _metre(unit)
     if "seed" in fields:
         raise RecipeError("set the seed with --seed; each particle's own seed is derived from it.")
@@ -201,7 +203,9 @@ def _sidecar_of(path: Path) -> dict[str, Any]:
 
 def _metre(unit: str) -> float:
     if unit not in mesh_io.UNITS:
-        raise RecipeError(f"expected --unit to be one of {', '.join(mesh_io.UNITS)}; got {unit!r}.{suggest(unit, mesh_io.UNITS)}")
+        raise RecipeError(
+            f"expected --unit to be one of {', '.join(mesh_io.UNITS)}; got {unit!r}.{suggest(unit, mesh_io.UNITS)}"
+        )
     return 1.0 / mesh_io.UNITS[unit]
 
 

@@ -8,7 +8,15 @@ from lithoform.errors import RecipeError
 from lithoform.parameters import Recipe, suggest
 from lithoform.seeds import Role, derive, uniform
 
-__all__ = ["PRESETS", "SHAPE_CLASSES", "benchmark_recipe", "database_recipe", "draw_size", "particle_seed"]
+__all__ = [
+    "PRESETS",
+    "SHAPE_CLASSES",
+    "benchmark_recipe",
+    "database_recipe",
+    "draw_size",
+    "particle_seed",
+    "shape_class_of",
+]
 
 PRESETS: Final = ("benchmark", "database")
 
@@ -60,8 +68,17 @@ def database_recipe(shape_class: str, *, seed: int = 0, length: float = DATABASE
     RecipeError
         If the class is unknown or a value is not valid.
     """
-    setting = {"main_scale": 1.0, "warp_scale": 1.0, "size": draw_size(shape_class, seed, length=length)}
-    return Recipe().replace(**{**setting, "seed": seed, **changes})
+    drawn = draw_size(shape_class, seed, length=length)
+    setting = Recipe().replace(main_scale=1.0, warp_scale=1.0, size=drawn, seed=seed)
+    return setting.replace(**changes)
+
+
+def shape_class_of(size: tuple[float, float, float]) -> str:
+    """Zingg class of dimensions L >= W >= H: cube, plate, column or blade, divided at 2/3."""
+    length, width, height = size
+    return {(False, False): "cube", (False, True): "plate", (True, False): "column", (True, True): "blade"}[
+        width < _LIMIT * length, height < _LIMIT * width
+    ]
 
 
 def draw_size(shape_class: str, seed: int, *, length: float = DATABASE_LENGTH) -> tuple[float, float, float]:

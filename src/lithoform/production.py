@@ -21,6 +21,7 @@ from lithoform.generation import generate_many
 from lithoform.parameters import Recipe
 from lithoform.particle import Particle
 from lithoform.planning import Plan
+from lithoform.presets import shape_class_of
 from lithoform.sidecar import read_sidecar, sidecar_path
 
 __all__ = ["PICTURE_FILE", "PLAN_FILE", "TABLE_FILE", "open_run", "produce", "unfinished", "write_table"]
@@ -67,7 +68,11 @@ def open_run(out: Path, plan: Plan, *, overwrite: bool = False, resume: bool = F
     if content and resume:
         raise OutputError(f"{out} holds no run to resume (there is no {PLAN_FILE}); choose another folder.")
     if content and not overwrite:
-        way = "--resume finishes it, --overwrite starts anew" if plan_path.exists() else "choose another, or give --overwrite"
+        way = (
+            "--resume finishes it, --overwrite starts anew"
+            if plan_path.exists()
+            else "choose another, or give --overwrite"
+        )
         held = "a run of this program" if plan_path.exists() else "other files"
         raise OutputError(f"the folder {out} is not empty, it holds {held}: {way}.")
     if plan_path.exists():
@@ -85,10 +90,12 @@ def _require_same_plan(path: Path, plan: Plan) -> None:
         raise OutputError(f"{path} is damaged, so that the run cannot be resumed; use --overwrite.") from error
     ours = plan.as_dict()
     if former != ours:
-        names = sorted(k for k in {*former, *ours} if former.get(k) != ours.get(k)) if isinstance(former, dict) else ["all"]
+        names = (
+            sorted(k for k in {*former, *ours} if former.get(k) != ours.get(k)) if isinstance(former, dict) else ["all"]
+        )
         raise OutputError(
-            f"{path.parent} holds a run with other settings ({', '.join(names)} differ): resume it with the same command, "
-            "or use --overwrite."
+            f"{path.parent} holds a run with other settings ({', '.join(names)} differ): resume it with the same "
+            "command, or use --overwrite."
         )
 
 
@@ -136,7 +143,7 @@ def produce(out: Path, plan: Plan, numbers: list[int], *, device: str = "auto") 
 def _writer(out: Path, plan: Plan, numbers: list[int]) -> Callable[[int, Particle], int]:
     def write(index: int, particle: Particle) -> int:
         number = numbers[index]
-        extra = {"number": number, "class": plan.class_of(number)}
+        extra = {"number": number, "class": plan.class_of(number) or shape_class_of(particle.recipe.size)}
         particle.save(out / plan.mesh_file(number), unit=plan.unit, extra=extra)
         return number
 

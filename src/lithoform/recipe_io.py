@@ -24,13 +24,7 @@ def from_dict(values: dict[str, Any]) -> Recipe:
     """
     if not isinstance(values, dict):
         raise RecipeError(f"a recipe must be a table of names and values; got {type(values).__name__}.")
-    fields: dict[str, Any] = {}
-    for name, value in values.items():
-        full = "size" if name == "size" else find_parameter(name)
-        if full in fields:
-            raise RecipeError(f"{full} is given twice, once as {name!r}; keep one of them.")
-        fields[full] = value
-    return Recipe().replace(**fields)
+    return Recipe().replace(**values)
 
 
 def read_recipe(path: str | Path) -> Recipe:

@@ -1,4 +1,4 @@
-"""check(mesh): is a mesh closed, 2-manifold, outward, a topological sphere, without zero-area or crossing faces?
+"""Is a mesh closed, 2-manifold, outward, a topological sphere, free of zero-area and of crossing faces.
 
 Most stones are certified without a search.  If a closed, consistently wound, connected surface of Euler
 characteristic 2 has every face on the positive side as seen from one point, the central projection from
@@ -56,11 +56,7 @@ def _star_kernel(
         flags = wp.int32(1)
     size = wp.max(wp.max(wp.length(a), wp.length(b)), wp.length(c))
     slack = wp.float64(-4.0) * _DETERMINANT_ERROR * size * size * wp.length(ray)
-    if (
-        wp.dot(ray, wp.cross(a, b)) >= slack
-        and wp.dot(ray, bc) >= slack
-        and wp.dot(ray, wp.cross(c, a)) >= slack
-    ):
+    if wp.dot(ray, wp.cross(a, b)) >= slack and wp.dot(ray, bc) >= slack and wp.dot(ray, wp.cross(c, a)) >= slack:
         flags = flags + wp.int32(2)
     state[i] = wp.int8(flags)
 
