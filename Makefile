@@ -58,7 +58,7 @@ pytest: $(SETUP) ## run the tests
 	@$(BIN)/pytest
 
 bench: $(SETUP) ## run the benchmarks
-	@$(BIN)/python benchmarks/run.py
+	@$(BIN)/python benchmarks/generation.py
 
 format: $(SETUP) ## rewrite the sources in the project's format
 	@$(BIN)/ruff check --fix .
