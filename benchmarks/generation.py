@@ -138,7 +138,7 @@ def main() -> None:
     early, late = memory(options.stream)
     console.print(
         f"peak memory after {options.stream // 10} particles {early:.0f} MB, after {options.stream} {late:.0f} MB "
-        f"(100,000 at the same slope: {late + (late - early) / 0.9 / options.stream * 98_000:.0f} MB; target below 1000)"
+        f"(100,000 at the same slope: {late + (late - early) / 0.9 / options.stream * 98_000:.0f} MB, target 1000)"
     )
     light = import_seconds("import lithoform")
     full = import_seconds("from lithoform import generate")

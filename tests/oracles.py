@@ -60,7 +60,9 @@ def hash_cells(cells: np.ndarray, key: int) -> np.ndarray:
 EDGES = [(x, y, 0) for y in (1, -1) for x in (1, -1)]
 EDGES += [(x, 0, z) for z in (1, -1) for x in (1, -1)]
 EDGES += [(0, y, z) for z in (1, -1) for y in (1, -1)]
-GRADIENT_TABLE = np.array([*EDGES, (1, 1, 0), (0, -1, 1), (-1, 1, 0), (0, -1, -1)], dtype=np.float64)
+# The largest value that noise of these vectors can take (test_noise finds it), by which they are divided.
+EDGE_SUPREMUM = 1.036353811211803
+GRADIENT_TABLE = np.array([*EDGES, (1, 1, 0), (0, -1, 1), (-1, 1, 0), (0, -1, -1)], dtype=np.float64) / EDGE_SUPREMUM
 
 
 def quintic(t):

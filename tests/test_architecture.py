@@ -63,7 +63,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "sidecar": {"atomic", "errors", "mesh", "mesh_io"},
     "progress": set(),
     "planning": FOUNDATION | {"mesh_io", "recipe_io", "sidecar"},
-    "production": FOUNDATION | {"atomic", "generation", "mesh_io", "particle", "planning", "sidecar"},
+    "production": FOUNDATION | {"atomic", "generation", "mesh_io", "particle", "planning", "progress", "sidecar"},
     # populations
     "database": FOUNDATION | MEASURES | {"generation", "mesh", "particle", "recipe_io"},
     "statistics": {"errors"},

@@ -74,7 +74,8 @@ def generate(
     count
         Number of particles [default: 1].
     seed
-        Run seed, 0 to 2^64 - 1; each particle has its own seed derived from it and its number [default: 0].
+        Run seed, 0 to 2^64 - 1; each particle has its own seed derived from it and its number [default:
+        0, or the recipe's own].
     class_
         Zingg class in which the dimensions are drawn: cube, plate, column, blade, or mixed (the four in turn).
     preset
@@ -130,9 +131,10 @@ def generate(
         for _ in track(production.produce(out, plan, numbers, device=device), total=len(numbers), what="particles"):
             done += 1
     except KeyboardInterrupt:
+        # Work in flight was finished after the last count.
         already = plan.count - len(numbers) + done
         print(
-            f"lithoform: interrupted after {already} of {plan.count} particles; add --resume to finish it.",
+            f"lithoform: interrupted with at least {already} of {plan.count} particles; add --resume to finish it.",
             file=sys.stderr,
         )
         return 130
@@ -168,8 +170,10 @@ def check(
     debug
         Show the traceback of an error.
     """
+    from lithoform.mesh_io import file_unit
     from lithoform.progress import track
 
+    file_unit("stl", unit)
     paths = _mesh_files(files)
     results = []
     for path in track(paths, total=len(paths), what="files", enabled=len(paths) > 20):
@@ -315,9 +319,8 @@ def _report_run(
         print(json.dumps(answer, indent=2))
         return
     kept = f" ({plan.count - done} were there already)" if done < plan.count else ""
-    print(
-        f"{plan.count} particle{'s' * (plan.count != 1)} in {out.resolve()}{kept}, every mesh checked, {seconds:.1f} s"
-    )
+    noun = "particle" if plan.count == 1 else "particles"
+    print(f"{plan.count} {noun} in {out.resolve()}{kept}, every mesh checked when it was made, {seconds:.1f} s")
     last = "" if plan.count == 1 else f" ... {plan.mesh_file(plan.count)}"
     print(f"  meshes   {plan.mesh_file(1)}{last}  ({plan.format}, {plan.unit}), with a .json sidecar each")
     print(f"  table    {table.name}")
@@ -350,7 +353,7 @@ def _check_file(path: Path, unit: str) -> dict[str, Any]:
         mesh = read_mesh(path, unit=unit)
         report = check_mesh(mesh)
     except (FileFormatError, MeshError) as error:
-        return {"file": str(path), "error": _one_line(error)}
+        return {"file": str(path), "error": _one_line(error).removeprefix(f"{path}: ")}
     return {"file": str(path), "triangles": len(mesh.faces), **report.as_dict()}
 
 

@@ -165,7 +165,7 @@ def _finish(recipe: Recipe, base: Mesh, radius: np.ndarray) -> Particle:
     band = recipe.flatten_band
     is_cut = recipe.flatten and recipe.flatten_depth > 0.0
     uncut, uncut_is_sound = _calibrated(recipe, base, radius), False
-    problems = ""
+    problems, fault = "", None
     for round_ in range(_MAX_ROUNDS + 1):
         mesh = uncut
         # Only a sound body can be cut; without a cut the check after the flattening serves for both.
@@ -178,13 +178,13 @@ def _finish(recipe: Recipe, base: Mesh, radius: np.ndarray) -> Particle:
             except MeshError as refused:  # such as a section that would leave a ring
                 report, problems = None, str(refused)
             if report is not None and report.sound:
-                return Particle(recipe, mesh, report, int(relaxed.sum()), round_, band)
+                return Particle(recipe, mesh, report, int(relaxed.sum()), round_, band if recipe.flatten else None)
             if is_cut and band > 0.0:
                 band = _narrower(band, recipe)
                 continue
         at_bottom = _bottom(recipe, uncut, band)
         if report is not None:
-            problems = "; ".join(report.problems())
+            problems, fault = "; ".join(report.problems()), report
         region = at_bottom
         if report is not None and mesh.connectivity is base.connectivity:
             region = _faulty(mesh, report)
@@ -198,7 +198,8 @@ def _finish(recipe: Recipe, base: Mesh, radius: np.ndarray) -> Particle:
     raise UnsoundMeshError(
         f"no sound mesh was found for this recipe in {_MAX_ROUNDS} rounds ({problems}); try more triangles, a smaller "
         f"twist rate or a smaller k.  The recipe: {recipe}",
-        recipe=recipe,
+        fault,
+        recipe,
     )
 
 

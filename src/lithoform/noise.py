@@ -20,12 +20,16 @@ import numpy as np
 
 from lithoform.warp_runtime import MODULE_OPTIONS, load, resolve_device, to_device, wp
 
-__all__ = ["GRADIENTS", "NOISE_BOUND", "cellular_noise", "gradient_noise", "vec2u"]
+__all__ = ["GRADIENTS", "NOISE_BOUND", "PERLIN_SUPREMUM", "cellular_noise", "gradient_noise", "vec2u"]
 
 wp.set_module_options(MODULE_OPTIONS)
 
-NOISE_BOUND: Final = 1.036353811211803
-"""Supremum of |P|: the largest value of sum_c w_c(t) max_g g.d_c over the cell, rounded up (a test finds it again)."""
+PERLIN_SUPREMUM: Final = 1.036353811211803
+"""Supremum of Perlin's noise with edge gradients of length sqrt 2, sum_c w_c(t) max_g g.d_c at its largest over the
+cell t, rounded up (a test finds it again in exact arithmetic)."""
+
+NOISE_BOUND: Final = 1.0
+"""Supremum of |P| here.  Eq. 7 presumes |P| <= 1, which Perlin's own gradients exceed by 3.6 %: ours are shorter."""
 
 GRADIENTS: Final = np.array(
     [
@@ -35,8 +39,9 @@ GRADIENTS: Final = np.array(
         [1, 1, 0], [0, -1, 1], [-1, 1, 0], [0, -1, -1],
     ],
     dtype=np.float64,
-)  # fmt: skip
-"""Perlin's (2002) gradients, shape (16, 3): the twelve edge directions, four of them (a tetrahedron) twice."""
+) / PERLIN_SUPREMUM  # fmt: skip
+"""Perlin's (2002) gradients, shape (16, 3): the twelve edge directions, four of them (a tetrahedron) twice, divided by
+the supremum of the noise that they would give."""
 GRADIENTS.flags.writeable = False
 
 vec2u = wp.types.vector(length=2, dtype=wp.uint32)

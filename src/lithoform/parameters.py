@@ -41,7 +41,7 @@ class Parameter:
     low, high : float
         Range of every component, ends included (Table 7 where the paper gives one).
     unit : str
-        "1" for a pure number.
+        "1" for a pure number, "height" for a fraction of the body's extent along z.
     kind : {"number", "integer", "vector"}
     meaning : str
     low_reason : str
@@ -103,8 +103,8 @@ PARAMETERS: Final[tuple[Parameter, ...]] = (
     Parameter("smoothing_lambda", "lambda_s", 0.01, 1.0, "1", "number", "step of the smoothing, eq. 13",
               "a step of 0 smooths nothing; use smoothing_iterations = 0"),
     Parameter("smoothing_mu", "mu_s", -1.0, 0.0, "1", "number", "backward step of the Taubin pair"),
-    Parameter("flatten_depth", "d_b", 0.0, 0.5, "H", "number", "depth of the cut of the support face"),
-    Parameter("flatten_band", "h_b", 0.0, 0.5, "H", "number", "thickness of the blended band, eq. 18"),
+    Parameter("flatten_depth", "d_b", 0.0, 0.5, "height", "number", "depth of the cut of the support face"),
+    Parameter("flatten_band", "h_b", 0.0, 0.5, "height", "number", "thickness of the blended band, eq. 18"),
     Parameter("triangles", "N_t", 8, 8_000_000, "1", "integer", "number of triangles"),
     Parameter("seed", "seed", 0, MAX_SEED, "1", "integer", "64-bit seed of everything random in the particle"),
 )  # fmt: skip

@@ -37,7 +37,8 @@ class Particle:
     relaxation_rounds : int
         Rounds that took, narrowings of the band included.
     flatten_band : float or None
-        Thickness of the blended band that was used [H]; below the recipe's where that would not have been sound.
+        Thickness of the blended band that was used, as a fraction of the height: below the recipe's where that
+        would not have been sound, None without flattening.
     """
 
     recipe: Recipe

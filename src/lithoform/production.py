@@ -22,6 +22,7 @@ from lithoform.parameters import Recipe
 from lithoform.particle import Particle
 from lithoform.planning import Plan
 from lithoform.presets import shape_class_of
+from lithoform.progress import track
 from lithoform.sidecar import read_sidecar, sidecar_path
 
 __all__ = ["PICTURE_FILE", "PLAN_FILE", "TABLE_FILE", "open_run", "produce", "unfinished", "write_table"]
@@ -101,7 +102,8 @@ def _require_same_plan(path: Path, plan: Plan) -> None:
 
 def unfinished(out: Path, plan: Plan) -> list[int]:
     """Numbers of the particles that a run still has to make, in order."""
-    return [n for n in range(1, plan.count + 1) if not _is_finished(out / plan.mesh_file(n))]
+    numbers = track(range(1, plan.count + 1), total=plan.count, what="files looked at")
+    return [n for n in numbers if not _is_finished(out / plan.mesh_file(n))]
 
 
 def _is_finished(mesh_file: Path) -> bool:

@@ -200,8 +200,8 @@ def guarded(factor: np.ndarray) -> np.ndarray:
     """Radius factor 1 + k N kept at or above `RADIUS_FLOOR` = c.
 
     The guard is the identity above 2c, smooth in slope, and non-decreasing: f, c + f^2 / 4c below 2c, c
-    below 0.  Only k above 0.98 can reach it on the fixed directions; peaks between them, where |N| may
-    exceed 1, are left as they are.
+    below 0.  On the fixed directions only k above 0.98 can reach it; between them |N| may exceed 1 a little,
+    and such peaks are left as they are.
 
     Parameters
     ----------

@@ -1,0 +1,33 @@
+"""Draw the pictures of the documentation anew: docs/images/gallery.png and docs/images/parameters/*.png.
+
+To be run when the noise, the conditioning or the drawing has changed.
+"""
+
+from pathlib import Path
+
+import matplotlib.image as mpimg
+import numpy as np
+
+from lithoform import database_recipe, generate_many, particle_seed
+from lithoform.figures import gallery, png_bytes
+from lithoform.presets import SHAPE_CLASSES
+from lithoform.reproduce import parameter_plates
+
+IMAGES = Path(__file__).resolve().parent.parent / "docs" / "images"
+
+
+def main() -> None:
+    # The stones of `make demo`.
+    recipes = [database_recipe(SHAPE_CLASSES[n % 4], seed=particle_seed(1, n + 1)) for n in range(12)]
+    captions = [
+        f"{SHAPE_CLASSES[n % 4]}\n{' x '.join(f'{1e3 * d:.3g}' for d in r.size)} mm" for n, r in enumerate(recipes)
+    ]
+    target = IMAGES / "gallery.png"
+    gallery([particle.mesh for particle in generate_many(recipes)], captions, target)
+    pixels = np.rint(255 * mpimg.imread(target)[..., :3]).astype(np.uint8)
+    target.write_bytes(png_bytes(pixels, colours=128))
+    parameter_plates(IMAGES / "parameters")
+
+
+if __name__ == "__main__":
+    main()
