@@ -149,13 +149,13 @@ def check(
     files: Annotated[list[Path], Parameter(negative="")],
     /,
     *,
-    unit: str = "mm",
     json_: Annotated[bool, Parameter(name="--json", negative="")] = False,
     debug: Flag = False,
 ) -> int:
     """Check meshes: closed, 2-manifold, outward, Euler characteristic 2, no zero-area or intersecting faces.
 
-    Prints a line a file; exits with 1 if any is unsound, with 2 if one cannot be read.
+    Prints a line a file, with the count of every fault and the place of the first in the file's own numbers; exits
+    with 1 if any is unsound, with 2 if one cannot be read.
 
     **Example:** `lithoform check stones/*.stl`
 
@@ -163,21 +163,17 @@ def check(
     ----------
     files
         Mesh files (stl, ply, obj, glb, 3mf), or folders of them.
-    unit
-        Unit of length of the files.
     json_
         Print a list of JSON objects instead of lines.
     debug
         Show the traceback of an error.
     """
-    from lithoform.mesh_io import file_unit
     from lithoform.progress import track
 
-    file_unit("stl", unit)
     paths = _mesh_files(files)
     results = []
     for path in track(paths, total=len(paths), what="files", enabled=len(paths) > 20):
-        result = _check_file(path, unit)
+        result = _check_file(path)
         results.append(result)
         if not json_:
             print(_check_line(result))
@@ -345,12 +341,13 @@ def _mesh_files(paths: list[Path]) -> list[Path]:
     return out
 
 
-def _check_file(path: Path, unit: str) -> dict[str, Any]:
+def _check_file(path: Path) -> dict[str, Any]:
     from lithoform.mesh_io import read_mesh
     from lithoform.soundness import check as check_mesh
 
     try:
-        mesh = read_mesh(path, unit=unit)
+        # Read as metres, the numbers stay those of the file, and so do the places.
+        mesh = read_mesh(path, unit="m")
         report = check_mesh(mesh)
     except (FileFormatError, MeshError) as error:
         return {"file": str(path), "error": _one_line(error).removeprefix(f"{path}: ")}
