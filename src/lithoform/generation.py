@@ -8,7 +8,8 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence, Sized
 from concurrent.futures import Future, ThreadPoolExecutor
-from itertools import groupby, islice
+from dataclasses import dataclass
+from itertools import count, groupby, islice
 from typing import Any, Final
 
 import numpy as np
@@ -155,57 +156,64 @@ def _finish(recipe: Recipe, base: Mesh, radius: np.ndarray) -> Particle:
     """Condition and check; where faces cross, relax the relief there and try again.
 
     The twist carries the true surface without crossings, but flat triangles too coarse for the relief may
-    cross.  The radial graph before it is always sound, so that relaxing its logarithm around the crossings,
-    in rings that widen from round to round, tends to a twisted sphere, which is (coarser meshes are refused
-    by the recipe).  Where the blended band of the flattening is at fault it is narrowed.  What was changed is
-    reported with the particle.
+    cross.  The radial graph before it is always sound, so that relaxing it around the crossings, in rings that
+    widen from round to round, tends to a twisted sphere, which is (coarser meshes are refused by the recipe).
+    Where the blended band of the flattening is at fault it is narrowed.  What was changed is reported with the
+    particle.
     """
-    log_radius = np.log(radius)
     relaxed = np.zeros(len(radius), dtype=bool)
-    band = recipe.flatten_band
-    is_cut = recipe.flatten and recipe.flatten_depth > 0.0
-    uncut, uncut_is_sound = _calibrated(recipe, base, radius), False
-    problems, fault = "", None
-    for round_ in range(_MAX_ROUNDS + 1):
-        mesh = uncut
-        # Only a sound body can be cut; without a cut the check after the flattening serves for both.
-        report = _check_stored(uncut) if is_cut and not uncut_is_sound else None
-        if report is None or report.sound:
-            uncut_is_sound = True
-            try:
-                mesh = _flattened(recipe, uncut, band)
-                report = _check_stored(mesh)
-            except MeshError as refused:  # such as a section that would leave a ring
-                report, problems = None, str(refused)
-            if report is not None and report.sound:
-                return Particle(recipe, mesh, report, int(relaxed.sum()), round_, band if recipe.flatten else None)
-            if is_cut and band > 0.0:
-                band = _narrower(band, recipe)
-                continue
-        at_bottom = _bottom(recipe, uncut, band)
-        if report is not None:
-            problems, fault = "; ".join(report.problems()), report
-        region = at_bottom
-        if report is not None and mesh.connectivity is base.connectivity:
-            region = _faulty(mesh, report)
-            if mesh is not uncut and (region & at_bottom).any():
-                band = _narrower(band, recipe)
-        region = _widened(base, region, rings=1 + round_ // 3)
+    band = recipe.flatten_band if recipe.flatten else None
+    for round_ in count():
+        attempt = _attempt(recipe, base, radius, band)
+        if attempt.report is not None and attempt.report.sound:
+            return Particle(recipe, attempt.mesh, attempt.report, int(relaxed.sum()), round_, band)
+        if round_ >= _MAX_ROUNDS:
+            raise UnsoundMeshError(
+                f"no sound mesh was found for this recipe in {round_} rounds ({attempt.problems}); try more triangles, "
+                f"a smaller twist rate or a smaller k.  The recipe: {recipe}",
+                attempt.report,
+                recipe,
+            )
+        if band and attempt.band_at_fault:
+            band = 0.5 * band if band > 0.2 * recipe.flatten_band else 0.0
+            if recipe.flatten_depth > 0.0:
+                continue  # a cut without its band is sound as a rule: leave the relief alone
+        region = attempt.region
+        for _ in range(1 + round_ // 3):
+            region = region | (base.connectivity.neighbour_mean @ region > 0.0)
         relaxed |= region
+        # In the logarithm deep pits and high spikes are relaxed alike, and the radius stays positive.
+        log_radius = np.log(radius)
         mean = base.connectivity.neighbour_mean @ log_radius
-        log_radius = np.where(region, 0.5 * (log_radius + mean), log_radius)
-        uncut, uncut_is_sound = _calibrated(recipe, base, np.exp(log_radius)), False
-    raise UnsoundMeshError(
-        f"no sound mesh was found for this recipe in {_MAX_ROUNDS} rounds ({problems}); try more triangles, a smaller "
-        f"twist rate or a smaller k.  The recipe: {recipe}",
-        fault,
-        recipe,
-    )
+        radius = np.where(region, np.exp(0.5 * (log_radius + mean)), radius)
 
 
-def _narrower(band: float, recipe: Recipe) -> float:
-    """Half the band, and none after three halvings."""
-    return 0.5 * band if band > 0.2 * recipe.flatten_band else 0.0
+@dataclass(frozen=True)
+class _Attempt:
+    """A conditioned mesh and, if it is not sound, where on the radial graph the fault lies."""
+
+    mesh: Mesh
+    report: SoundnessReport | None  # None: the flattening itself refused the body
+    problems: str
+    region: np.ndarray  # vertices at fault, shape (vertices,), bool
+    band_at_fault: bool
+
+
+def _attempt(recipe: Recipe, base: Mesh, radius: np.ndarray, band: float | None) -> _Attempt:
+    uncut = _calibrated(recipe, base, radius)
+    if band is not None and recipe.flatten_depth > 0.0:
+        report = _check_stored(uncut)  # only a sound body can be cut
+        if not report.sound:
+            return _Attempt(uncut, report, "; ".join(report.problems()), _faulty(uncut, report), band_at_fault=False)
+    bottom = _bottom(recipe, uncut, band or 0.0)
+    try:
+        mesh = _flattened(recipe, uncut, band)
+    except MeshError as refused:  # such as a section that would leave a ring
+        return _Attempt(uncut, None, str(refused), bottom, band_at_fault=False)
+    report = _check_stored(mesh)
+    # After a cut the vertices are others: the fault is at the cut, since the body before it was sound.
+    region = _faulty(mesh, report) if mesh.connectivity is base.connectivity else bottom
+    return _Attempt(mesh, report, "; ".join(report.problems()), region, bool((region & bottom).any()))
 
 
 def _calibrated(recipe: Recipe, base: Mesh, radius: np.ndarray) -> Mesh:
@@ -230,9 +238,9 @@ def _calibrated(recipe: Recipe, base: Mesh, radius: np.ndarray) -> Mesh:
     )
 
 
-def _flattened(recipe: Recipe, mesh: Mesh, band: float) -> Mesh:
+def _flattened(recipe: Recipe, mesh: Mesh, band: float | None) -> Mesh:
     """Support face, then the solid's centroid to the origin."""
-    if recipe.flatten:
+    if band is not None:
         z = mesh.vertices[:, 2]
         height = float(z.max() - z.min())
         mesh = flatten(mesh, depth=recipe.flatten_depth * height, band=band * height)
@@ -262,9 +270,3 @@ def _bottom(recipe: Recipe, uncut: Mesh, band: float) -> np.ndarray:
     """Vertices below the top of the band, as a mask, shape (vertices,)."""
     z = uncut.vertices[:, 2]
     return z <= z.min() + (recipe.flatten_depth + band) * np.ptp(z)
-
-
-def _widened(base: Mesh, region: np.ndarray, rings: int) -> np.ndarray:
-    for _ in range(rings):
-        region = region | (base.connectivity.neighbour_mean @ region > 0.0)
-    return region
