@@ -9,7 +9,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence, Sized
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
-from itertools import count, groupby, islice
+from itertools import groupby, islice
 from typing import Any, Final
 
 import numpy as np
@@ -163,7 +163,9 @@ def _finish(recipe: Recipe, base: Mesh, radius: np.ndarray) -> Particle:
     """
     relaxed = np.zeros(len(radius), dtype=bool)
     band = recipe.flatten_band if recipe.flatten else None
-    for round_ in count():
+    round_ = -1
+    while True:
+        round_ += 1
         attempt = _attempt(recipe, base, radius, band)
         if attempt.report is not None and attempt.report.sound:
             return Particle(recipe, attempt.mesh, attempt.report, int(relaxed.sum()), round_, band)
