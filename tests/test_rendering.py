@@ -8,35 +8,12 @@ import sys
 
 import numpy as np
 import pytest
+from wavy import WHITE, is_drawn, stone
 
 from lithoform import rendering
 from lithoform.errors import LithoformError
-from lithoform.mesh import Mesh
 from lithoform.rendering import Studio, render, require_pictures, to_polydata
 from lithoform.topology import sphere
-
-WHITE = 255
-
-
-def stone(bumps: float = 0.1, scale: float = 1.0, n: int = 12) -> Mesh:
-    """An ellipsoid of 2 : 1.5 : 1 with waves on it."""
-    ball = sphere("octahedral", n)
-    x, y, z = ball.vertices.T
-    radius = 1.0 + bumps * np.sin(9.0 * x) * np.cos(7.0 * y + 5.0 * z)
-    return ball.with_vertices(scale * radius[:, None] * ball.vertices * (1.0, 0.75, 0.5))
-
-
-@pytest.fixture(scope="module")
-def drawing() -> None:
-    try:
-        render(stone(n=2), size=(8, 8))
-    except LithoformError as error:
-        pytest.skip(f"no pictures here: {error}")
-
-
-def is_drawn(picture: np.ndarray) -> np.ndarray:
-    """Pixels that are not paper."""
-    return (picture < WHITE - 8).any(axis=2)
 
 
 @pytest.mark.usefixtures("drawing")
