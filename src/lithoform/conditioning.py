@@ -51,13 +51,24 @@ def twist(mesh: Mesh, *, axis: ArrayLike, point: ArrayLike, rate: float) -> Mesh
     a = a / length
     if rate == 0.0:
         return mesh
-    d = mesh.vertices - p0
-    along = d[:, 0] * a[0] + d[:, 1] * a[1] + d[:, 2] * a[2]
+    d = _rows(mesh.vertices, p0)
+    along = _project(d, a)
     angle = rate * along
-    radial = d - along[:, None] * a
-    turned = np.cross(a, radial)
-    rotated = np.cos(angle)[:, None] * radial + np.sin(angle)[:, None] * turned
-    return mesh.with_vertices(p0 + along[:, None] * a + rotated)
+    cosine, sine = np.cos(angle), np.sin(angle)
+    v = [d[i] - along * a[i] for i in range(3)]
+    turned = [a[j] * v[k] - a[k] * v[j] for j, k in ((1, 2), (2, 0), (0, 1))]
+    rows = [p0[i] + along * a[i] + cosine * v[i] + sine * turned[i] for i in range(3)]
+    return mesh.with_vertices(np.stack(rows, axis=1))
+
+
+def _rows(points: np.ndarray, origin: np.ndarray) -> np.ndarray:
+    """Coordinates relative to an origin, shape (3, n): long contiguous rows are what NumPy is fast with."""
+    return np.ascontiguousarray(points.T) - origin[:, None]
+
+
+def _project(rows: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    """Coordinate along a direction, shape (n,); no matrix product, which may round differently with threads."""
+    return rows[0] * direction[0] + rows[1] * direction[1] + rows[2] * direction[2]
 
 
 def smooth(
@@ -131,10 +142,10 @@ def principal_frame(mesh: Mesh, weighting: Weighting = "vertices") -> tuple[np.n
         If the weighting is unknown or the body has no volume.
     """
     if weighting == "vertices":
-        centroid = mesh.vertices.mean(axis=0)
-        x = mesh.vertices - centroid
-        # Summed column by column: a threaded matrix product would round differently from machine to machine.
-        covariance = np.array([[float((x[:, i] * x[:, j]).sum()) for j in range(3)] for i in range(3)])
+        rows = np.ascontiguousarray(mesh.vertices.T)
+        centroid = rows.mean(axis=1)
+        x = rows - centroid[:, None]
+        covariance = np.array([[float((x[i] * x[j]).sum()) for j in range(3)] for i in range(3)])
     elif weighting == "surface":
         centroid, covariance = _surface_moments(mesh)
     elif weighting == "solid":
@@ -211,13 +222,15 @@ def fit_to_box(
     centroid, axes = principal_frame(mesh, weighting)
     if frame == "aabb":
         axes = np.eye(3)
-    x = mesh.vertices - centroid
-    local = np.stack([x[:, 0] * e[0] + x[:, 1] * e[1] + x[:, 2] * e[2] for e in axes.T], axis=1)
-    extents = local.max(axis=0) - local.min(axis=0)
+    x = _rows(mesh.vertices, centroid)
+    local = [_project(x, e) for e in axes.T]
+    extents = np.array([row.max() - row.min() for row in local])
     if not (extents > 1e-12 * extents.max()).all():
         raise MeshError(f"the body is flat: its extents along the axes of the box are {extents.tolist()}.")
     factors = target / extents
-    scaled = local * (factors if fit == "exact" else factors.min())
+    if fit == "uniform":
+        factors = np.full(3, factors.min())
+    scaled = np.stack([row * factor for row, factor in zip(local, factors, strict=True)])
     if not align:
-        scaled = np.stack([scaled[:, 0] * r[0] + scaled[:, 1] * r[1] + scaled[:, 2] * r[2] for r in axes], axis=1)
-    return mesh.with_vertices(scaled + centroid)
+        scaled = np.stack([_project(scaled, r) for r in axes])
+    return mesh.with_vertices((scaled + centroid[:, None]).T)

@@ -243,8 +243,7 @@ def _calibrated(recipe: Recipe, base: Mesh, radius: np.ndarray) -> Mesh:
 def _flattened(recipe: Recipe, mesh: Mesh, band: float | None) -> Mesh:
     """Support face, then the solid's centroid to the origin."""
     if band is not None:
-        z = mesh.vertices[:, 2]
-        height = float(z.max() - z.min())
+        height = float(np.ptp(mesh.vertices[:, 2]))
         mesh = flatten(mesh, depth=recipe.flatten_depth * height, band=band * height)
     return mesh.with_vertices(mesh.vertices - mesh.mass_properties.centroid)
 

@@ -225,16 +225,16 @@ class Mesh:
 
     @property
     def volume(self) -> float:
-        """Signed volume [u^3], positive for outward faces; of an open surface, that of the cone to its mean vertex."""
+        """Signed volume [u^3], positive for outward faces; of an open surface, that of the cone to its first vertex."""
         return self._moments[1][1]
 
     @cached_property
     def _moments(self) -> tuple[np.ndarray, tuple[float, float, np.ndarray, np.ndarray]]:
-        # Warp is loaded when a mesh is first measured.  Moments are taken about the mean vertex, so that a body
-        # far from the origin loses no digits.
+        # Warp is loaded when a mesh is first measured.  Moments are taken about a vertex, so that a body far from
+        # the origin loses no digits.
         from lithoform.face_integrals import face_moments
 
-        origin = self.vertices.mean(axis=0)
+        origin = self.vertices[0]
         return origin, face_moments(self.vertices, self.faces, origin)
 
     @cached_property
