@@ -83,7 +83,8 @@ def generate_many(
     threads : int, optional
         Number of threads (default: the processors that this process may use).
     batch_size : int, optional
-        Particles whose fields are evaluated in one launch (default 4 on a CPU, 64 on a GPU).  It changes
+        Particles whose fields are evaluated in one launch (default 64 on a GPU; 1 on a CPU, where the arrays of a
+        larger batch leave the cache).  It changes
         neither the results nor, beyond that many particles, the memory.
     progress : bool
         Show a bar on a terminal.
@@ -105,7 +106,7 @@ def generate_many(
     """
     name = resolve_device(device)
     workers = default_threads() if threads is None else threads
-    size = (4 if name == "cpu" else 64) if batch_size is None else batch_size
+    size = (1 if name == "cpu" else 64) if batch_size is None else batch_size
     if workers < 1 or size < 1:
         raise ValueError(f"expected at least one thread and a batch of at least one, got {threads} and {batch_size}.")
     total = len(recipes) if isinstance(recipes, Sized) else None
