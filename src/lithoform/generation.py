@@ -84,8 +84,7 @@ def generate_many(
         Number of threads (default: the processors that this process may use).
     batch_size : int, optional
         Particles whose fields are evaluated in one launch (default 64 on a GPU; 1 on a CPU, where the arrays of a
-        larger batch leave the cache).  It changes
-        neither the results nor, beyond that many particles, the memory.
+        larger batch leave the cache).  It changes neither the results nor, beyond that many particles, the memory.
     progress : bool
         Show a bar on a terminal.
     each : callable, optional
