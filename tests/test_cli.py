@@ -374,7 +374,10 @@ def test_a_full_disk_is_a_clear_error_and_leaves_whole_files(tmp_path):
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
         resource.setrlimit(resource.RLIMIT_FSIZE, (30_000, 30_000))
 
-    # Kernels are compiled by an earlier command: the cache of Warp is no part of this.
+    # Kernels are compiled by a command before: the cache of Warp is no part of this.
+    warm = command("generate", str(tmp_path / "warm"), *SMALL)
+    warm.communicate()
+    assert warm.returncode == 0
     process = command("generate", str(out), "--count", "3", *SMALL, preexec_fn=limit)
     _, err = process.communicate()
     assert process.returncode == 2

@@ -321,7 +321,8 @@ def _report_run(
     print(f"  meshes   {plan.mesh_file(1)}{last}  ({plan.format}, {plan.unit}), with a .json sidecar each")
     print(f"  table    {table.name}")
     if drawn is not None:
-        print(f"  picture  {drawn.name}")
+        some = f"  (the first {MAX_PICTURED})" if plan.count > MAX_PICTURED else ""
+        print(f"  picture  {drawn.name}{some}")
 
 
 def _mesh_files(paths: list[Path]) -> list[Path]:
