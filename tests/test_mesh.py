@@ -1,6 +1,7 @@
 """Mesh: mass properties against closed forms, connectivity of known surfaces, errors, ownership of arrays."""
 
 import hashlib
+import pickle
 
 import numpy as np
 import oracles
@@ -309,3 +310,11 @@ def test_content_hash_is_that_of_the_bytes():
     moved = np.array(TETRAHEDRON[0])
     moved[3, 2] = np.nextafter(1.0, 2.0)
     assert mesh.with_vertices(moved).content_hash != mesh.content_hash
+
+
+def test_a_mesh_survives_pickling_and_stays_read_only():
+    mesh = sphere("octahedral", 3)
+    again = pickle.loads(pickle.dumps(mesh))
+    assert again.content_hash == mesh.content_hash
+    assert not again.vertices.flags.writeable
+    assert not again.faces.flags.writeable

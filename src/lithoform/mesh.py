@@ -191,6 +191,10 @@ class Mesh:
         """The same connectivity with other positions."""
         return Mesh(vertices, self.connectivity)
 
+    def __reduce__(self) -> tuple[type[Mesh], tuple[np.ndarray, np.ndarray]]:
+        # What is cached is computed again; arrays that were unpickled directly would be writeable.
+        return Mesh, (self.vertices, self.faces)
+
     def __repr__(self) -> str:
         return f"Mesh({len(self.vertices)} vertices, {len(self.faces)} faces)"
 

@@ -249,9 +249,9 @@ def read_mesh(path: _Path, *, unit: str = "mm") -> Mesh:
         raise FileFormatError(f"{path}: {error}") from None
     except (MemoryError, ImportError):
         raise
-    except Exception:
+    except Exception as error:
         # Whatever a reader stumbles on in a broken file: an index, a number, a checksum, a missing name.
-        raise FileFormatError(f"{path}: it is truncated or is no {name} file; export it again.") from None
+        raise FileFormatError(f"{path}: it is truncated or is no {name} file; export it again.") from error
 
 
 def _read_stl(data: bytes) -> tuple[np.ndarray, np.ndarray]:
