@@ -33,7 +33,8 @@ def examine(number: int, seed: int) -> tuple[str, Particle | None, float]:
     try:
         particle = generate(random_recipe(rng, int(rng.choice(TRIANGLES))), device="cpu")
     except RecipeError as error:
-        return f"refused before work: {str(error)[:60]}", None, 0.0
+        reason = "its triangles cannot follow its twist" if "cannot follow" in str(error) else str(error)
+        return f"refused before any work: {reason}", None, 0.0
     except UnsoundMeshError as error:
         print(error, file=sys.stderr)
         return "refused after work", None, time.perf_counter() - started

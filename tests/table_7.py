@@ -31,7 +31,7 @@ def random_recipe(rng: np.random.Generator, triangles: int) -> Recipe:
     return Recipe(
         **values,  # type: ignore[arg-type]
         twist_axis=tuple(rng.normal(size=3)),
-        twist_point=tuple(rng.uniform(-1, 1, 3)),
+        twist_point=tuple(rng.uniform(-10, 10, 3) if rng.random() < 0.25 else rng.uniform(-1, 1, 3)),
         length=length,
         width=length * elongation,
         height=length * elongation * flatness,

@@ -41,10 +41,12 @@ MAY_IMPORT: dict[str, set[str]] = {
     "soundness": {"errors", "intersections", "mesh", "warp_runtime"},
     "conditioning": {"errors", "mesh"},
     "flattening": {"errors", "mesh"},
+    "feasibility": FOUNDATION | {"conditioning", "intersections", "topology"},
     "particle": FOUNDATION | {"figures", "mesh", "mesh_io", "rendering", "sidecar", "soundness"},
     "generation": FOUNDATION
     | {
         "conditioning",
+        "feasibility",
         "flattening",
         "mesh",
         "noise",
@@ -62,7 +64,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "mesh_io": {"atomic", "errors", "mesh", "parameters"},
     "sidecar": {"atomic", "errors", "mesh", "mesh_io"},
     "progress": set(),
-    "planning": FOUNDATION | {"mesh_io", "recipe_io", "sidecar"},
+    "planning": FOUNDATION | {"feasibility", "mesh_io", "recipe_io", "sidecar"},
     "production": FOUNDATION | {"atomic", "generation", "mesh_io", "particle", "planning", "progress", "sidecar"},
     # populations
     "database": FOUNDATION | MEASURES | {"generation", "mesh", "particle", "recipe_io"},

@@ -154,6 +154,8 @@ def principal_frame(mesh: Mesh, weighting: Weighting = "vertices") -> tuple[np.n
         covariance = 0.5 * np.trace(properties.inertia) * np.eye(3) - properties.inertia
     else:
         raise MeshError(f"expected a weighting of vertices, surface or solid; got {weighting!r}.")
+    if not np.isfinite(covariance).all():
+        raise MeshError("the body is too large or too far away for its principal axes; scale it or move it first.")
     axes = np.linalg.eigh(covariance)[1][:, ::-1].copy()
     for column in (0, 1):
         e = axes[:, column]
@@ -165,6 +167,8 @@ def principal_frame(mesh: Mesh, weighting: Weighting = "vertices") -> tuple[np.n
 def _surface_moments(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
     corners = [mesh.vertices[mesh.faces[:, i]] for i in range(3)]
     area = np.sqrt((mesh.area_vectors**2).sum(axis=1))
+    if not 0.0 < area.sum() < math.inf:
+        raise MeshError(f"a body needs a finite surface for its principal axes; its area is {area.sum():g}.")
     centroid = (area[:, None] * (corners[0] + corners[1] + corners[2])).sum(axis=0) / (3.0 * area.sum())
     a, b, c = (corner - centroid for corner in corners)
     total = a + b + c

@@ -16,6 +16,7 @@ import numpy as np
 
 from lithoform.conditioning import fit_to_box, smooth, twist
 from lithoform.errors import MeshError, UnsoundMeshError
+from lithoform.feasibility import require_feasible
 from lithoform.flattening import flatten
 from lithoform.mesh import Mesh
 from lithoform.parameters import Recipe, resolve_topology
@@ -49,6 +50,8 @@ def generate(recipe: Recipe, *, device: str = "auto") -> Particle:
 
     Raises
     ------
+    RecipeError
+        If the mesh of the recipe could not follow its twist or bear its smoothing; before any work.
     UnsoundMeshError
         If no sound mesh could be made; the recipe is in the message and in the error.
     DeviceError
@@ -100,8 +103,8 @@ def generate_many(
     ------
     ValueError
         If threads or batch_size is not positive.
-    UnsoundMeshError, DeviceError
-        As `generate`; particles before the fault have been handed out.
+    RecipeError, UnsoundMeshError, DeviceError
+        As `generate`; particles of the batches before the fault have been handed out.
     """
     name = resolve_device(device)
     workers = default_threads() if threads is None else threads
@@ -145,6 +148,8 @@ def _batches(recipes: Iterable[Recipe], size: int) -> Iterator[tuple[int, list[R
 
 
 def _generate_batch(recipes: Sequence[Recipe], device: str) -> list[Particle]:
+    for recipe in recipes:
+        require_feasible(recipe)
     base = sphere(*resolve_topology(recipes[0].triangles, recipes[0].topology))
     return [
         _finish(r, base, radius)
@@ -202,7 +207,10 @@ class _Attempt:
 
 
 def _attempt(recipe: Recipe, base: Mesh, radius: np.ndarray, band: float | None) -> _Attempt:
-    uncut = _calibrated(recipe, base, radius)
+    try:
+        uncut = _calibrated(recipe, base, radius)
+    except MeshError as refused:
+        raise UnsoundMeshError(f"{refused}  The recipe: {recipe}", recipe=recipe) from refused
     if band is not None and recipe.flatten_depth > 0.0:
         report = _check_stored(uncut)  # only a sound body can be cut
         if not report.sound:
@@ -228,6 +236,8 @@ def _calibrated(recipe: Recipe, base: Mesh, radius: np.ndarray) -> Mesh:
         lambda_=recipe.smoothing_lambda,
         mu=recipe.smoothing_mu,
     )
+    # Centred before it is scaled: the twist may have carried the body off, and a small one far away loses digits.
+    mesh = mesh.with_vertices(mesh.vertices - mesh.mass_properties.centroid)
     if recipe.calibration_frame == "none":
         return mesh
     return fit_to_box(

@@ -43,6 +43,9 @@ class Connectivity:
         self.faces = _frozen(array, np.int32)
         self.vertex_count = int(vertex_count)
 
+    def __reduce__(self) -> tuple[type[Connectivity], tuple[np.ndarray, int]]:
+        return Connectivity, (self.faces, self.vertex_count)
+
     @cached_property
     def edges(self) -> np.ndarray:
         """Undirected edges (a < b), shape (e, 2), each once."""
@@ -72,7 +75,10 @@ class Connectivity:
         sign = np.where(start < end, 1, -1).ravel()
         winding = np.bincount(inverse, weights=sign, minlength=len(unique)).astype(np.int64)
         edges = np.stack([unique // self.vertex_count, unique % self.vertex_count], axis=1)
-        return edges, counts, winding, inverse.reshape(-1, 3)
+        table = (edges, counts, winding, inverse.reshape(-1, 3))
+        for array in table:
+            array.flags.writeable = False
+        return table
 
     @cached_property
     def used_vertices(self) -> np.ndarray:
@@ -120,16 +126,21 @@ class Connectivity:
 
     @cached_property
     def neighbour_mean(self) -> Any:
-        """One-ring mean W = D^-1 A of eq. 13: scipy sparse array, shape (vertices, vertices)."""
+        """One-ring mean W = D^-1 A of eq. 13: scipy sparse array, shape (vertices, vertices).
+
+        A vertex that no face uses is its own mean, so that smoothing leaves it where it is.
+        """
         from scipy.sparse import coo_array
 
         a, b = self.edges.T
-        degree = np.maximum(np.bincount(self.edges.ravel(), minlength=self.vertex_count), 1)
-        rows, columns = np.concatenate([a, b]), np.concatenate([b, a])
+        degree = np.bincount(self.edges.ravel(), minlength=self.vertex_count)
+        alone = np.flatnonzero(degree == 0)
+        degree[alone] = 1
+        rows, columns = np.concatenate([a, b, alone]), np.concatenate([b, a, alone])
         return coo_array((1.0 / degree[rows], (rows, columns)), shape=(self.vertex_count,) * 2).tocsr()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class MassProperties:
     """Mass properties at unit density, in the mesh's own unit of length u.
 
@@ -204,7 +215,9 @@ class Mesh:
         a, b, c = (self.vertices[self.faces[:, i]] for i in range(3))
         u, v = (b - a).T, (c - a).T
         rows = [0.5 * (u[j] * v[k] - u[k] * v[j]) for j, k in ((1, 2), (2, 0), (0, 1))]
-        return np.stack(rows, axis=1)
+        vectors = np.stack(rows, axis=1)
+        vectors.flags.writeable = False
+        return vectors
 
     @cached_property
     def mass_properties(self) -> MassProperties:
@@ -225,7 +238,9 @@ class Mesh:
             raise MeshError("the mesh encloses no volume, so that it has no centroid; check that it is closed.")
         offset = first / volume
         central = second - volume * np.outer(offset, offset)
-        return MassProperties(volume, area, origin + offset, np.trace(central) * np.eye(3) - central)
+        centroid, inertia = origin + offset, np.trace(central) * np.eye(3) - central
+        centroid.flags.writeable = inertia.flags.writeable = False
+        return MassProperties(volume, area, centroid, inertia)
 
     @property
     def volume(self) -> float:

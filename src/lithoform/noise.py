@@ -18,6 +18,8 @@ from typing import Any, Final
 
 import numpy as np
 
+from lithoform.errors import MeshError
+from lithoform.seeds import MAX_SEED
 from lithoform.warp_runtime import MODULE_OPTIONS, load, resolve_device, to_device, wp
 
 __all__ = ["GRADIENTS", "NOISE_BOUND", "PERLIN_SUPREMUM", "cellular_noise", "gradient_noise", "vec2u"]
@@ -212,6 +214,8 @@ def gradient_noise(points: np.ndarray, key: int, *, device: str = "cpu") -> np.n
 
     Raises
     ------
+    MeshError
+        If the points have another shape, are not finite or lie beyond the lattice, or the key is out of range.
     DeviceError
         If the device is not there.
     """
@@ -229,7 +233,13 @@ def cellular_noise(points: np.ndarray, key: int, *, device: str = "cpu") -> np.n
 def _evaluate(kernel: Any, points: np.ndarray, key: int, device: str, dtype: Any, *, gradients: bool) -> np.ndarray:
     name = resolve_device(device)
     load(kernel.module, name)
-    sites = np.ascontiguousarray(points, dtype=np.float64).reshape(-1, 3)
+    sites = np.ascontiguousarray(points, dtype=np.float64)
+    if sites.ndim != 2 or sites.shape[1] != 3:
+        raise MeshError(f"expected points of shape (n, 3), got {sites.shape}.")
+    if not (np.abs(sites) < 2.0**31 - 1.0).all():  # False for NaN as well
+        raise MeshError("expected finite points with coordinates below 2^31, where the lattice ends.")
+    if not 0 <= key <= MAX_SEED:
+        raise MeshError(f"expected a key of 0 to 2^64 - 1, got {key}.")
     out = wp.empty(len(sites), dtype=dtype, device=name)
     inputs = [to_device(sites, wp.vec3d, name), vec2u(*split_key(key))]
     if gradients:

@@ -11,7 +11,7 @@ import dataclasses
 import difflib
 import math
 import numbers
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Set
 from dataclasses import dataclass, field
 from typing import Any, Final, Literal, get_args
 
@@ -72,8 +72,8 @@ _INF: Final = math.inf
 _TOPOLOGIES: Final = {"octahedral": (8, math.pi / 2), "icosahedral": (20, math.atan(2.0))}
 
 _MAX_TURN: Final = 60.0
-"""Largest turn of the twist from one vertex to the next [deg].  Measured: plain spheres twisted by more than
-75 degrees an edge cross themselves, those of 63 and less never did."""
+"""Largest turn of the twist from one vertex to the next [deg].  Measured about near axes: plain spheres twisted by
+more than 75 degrees an edge cross themselves.  Far axes are stricter; `lithoform.feasibility` tries them."""
 
 PARAMETERS: Final[tuple[Parameter, ...]] = (
     Parameter("base_radius", "r", 1e-6, 5.0, "model unit", "number", "base radius of the sphere, eq. 1",
@@ -210,7 +210,7 @@ class Recipe:
         ):
             raise RecipeError(
                 f"a Taubin pair needs -smoothing_mu > smoothing_lambda, or it shrinks; got mu = {self.smoothing_mu:g} "
-                f"and lambda = {self.smoothing_lambda:g}: try mu = {-1.06 * self.smoothing_lambda:.3g}."
+                f"and lambda = {self.smoothing_lambda:g}: try lambda = 0.5 and mu = -0.53."
             )
 
         self._check_twist()
@@ -333,16 +333,17 @@ def _checked(parameter: Parameter, value: Any) -> Any:
         vector = _vector(_label(parameter), value)
         return tuple(_number(parameter, c) for c in vector)
     is_integer = isinstance(value, numbers.Integral) and not isinstance(value, bool)
-    if not is_integer and not (isinstance(value, float) and value.is_integer()):
+    if not is_integer and not (isinstance(value, numbers.Real) and float(value).is_integer()):
         raise RecipeError(f"{_label(parameter)} must be a whole number; got {value!r}.")
-    whole = int(value)
+    whole = int(value)  # pyright: ignore[reportArgumentType]
     if not parameter.low <= whole <= parameter.high:
         raise RecipeError(f"{_label(parameter)} must be {parameter.low} to {parameter.high}; got {whole}.")
     return whole
 
 
 def _vector(label: str, value: Any) -> tuple[Any, ...]:
-    if isinstance(value, (str, bytes, numbers.Number)) or not isinstance(value, Iterable):
+    # A set has no order, a table has names: neither is three numbers.
+    if isinstance(value, (str, bytes, numbers.Number, Set, Mapping)) or not isinstance(value, Iterable):
         raise RecipeError(f"{label} must be three numbers; got {value!r}.")
     # .tolist() turns NumPy scalars into the Python numbers that files and hashes are made of.
     vector = tuple(value.tolist() if hasattr(value, "tolist") else value)  # type: ignore[attr-defined]

@@ -5,17 +5,23 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from lithoform import mesh_io
 from lithoform.errors import FileFormatError, RecipeError
+from lithoform.feasibility import require_feasible
 from lithoform.parameters import Recipe, suggest
 from lithoform.presets import PRESETS, SHAPE_CLASSES, benchmark_recipe, database_recipe, draw_size, particle_seed
-from lithoform.recipe_io import from_dict, parse_settings, read_recipe
+from lithoform.recipe_io import from_dict, parse_settings, read_recipe, read_table
 from lithoform.seeds import MAX_SEED
 from lithoform.sidecar import read_sidecar
 
-__all__ = ["Plan", "plan_run"]
+__all__ = ["MAX_COUNT", "Plan", "plan_run"]
+
+MAX_COUNT: Final = 10_000_000
+"""Particles of one run: a folder of more files than twice that serves nobody."""
+
+_DIMENSIONS: Final = ("length", "width", "height")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,11 +99,15 @@ class Plan:
         """
         if self.count < 1:
             raise RecipeError(f"expected --count of at least 1; got {self.count}.")
+        if self.count > MAX_COUNT:
+            raise RecipeError(
+                f"expected --count of at most {MAX_COUNT}; got {self.count}: make several runs with seeds of their own."
+            )
         if self.seed is not None and not 0 <= self.seed <= MAX_SEED:
             raise RecipeError(f"the seed must be 0 to {MAX_SEED}; got {self.seed}.")
         mesh_io.file_unit(self.format, self.unit)
         for number in range(1, min(self.count, len(SHAPE_CLASSES)) + 1):
-            self.recipe(number)
+            require_feasible(self.recipe(number))
 
 
 def plan_run(
@@ -139,79 +149,103 @@ def plan_run(
             )
     fields = parse_settings(settings)
     base: dict[str, Any] = {}
-    sidecar: dict[str, Any] = {}
+    sidecar: dict[str, str] = {}
     if recipe is not None:
         if preset is not None:
             raise RecipeError("--recipe is a whole recipe and --preset another; give one of them.")
-        base = read_recipe(recipe).as_dict()
         sidecar = _sidecar_of(recipe)
+        base = read_recipe(recipe).as_dict()
         if seed is None and count not in (None, 1):
             seed = base["seed"]
-    unit = str(unit or sidecar.get("unit") or "mm")
-    metre = _metre(unit)
+    unit = mesh_io.known_key("unit for --unit", sidecar.get("unit", "mm") if unit is None else unit, mesh_io.UNITS)
+    metre = 1.0 / mesh_io.UNITS[unit]
     if "seed" in fields:
         raise RecipeError("set the seed with --seed; each particle's own seed is derived from it.")
-    for name in ("length", "width", "height"):
-        if name in fields:
-            fields[name] *= metre
+    # Dimensions stay in the unit of the run until all are known.
+    given = {name: fields.pop(name) for name in _DIMENSIONS if name in fields}
     if size is not None:
-        if {"length", "width", "height"} & set(fields):
+        if given:
             raise RecipeError("give the dimensions by --size or by --set L=, W=, H=; not by both.")
-        fields |= _parse_size(size, metre)
-    has_size = bool({"length", "width", "height"} & set(fields))
-    if has_size and shape_class is not None:
+        given = _parse_size(size)
+    if given and shape_class is not None:
         raise RecipeError("--class draws the dimensions and --size (or --set L=...) gives them; use one of them.")
     if triangles is not None:
         fields["triangles"] = triangles
     if recipe is None:
         preset = preset or "database"
-        if preset == "benchmark" and not has_size and shape_class is None:
+        if preset == "benchmark" and shape_class is None:
             # Table 1 gives no unit for its 2 x 1.5 x 1: they are read in the unit of the run.
-            fields |= {"length": 2.0 * metre, "width": 1.5 * metre, "height": 1.0 * metre}
-        if preset == "database" and not has_size:
+            given = {"length": 2.0, "width": 1.5, "height": 1.0, **given}
+        if preset == "database" and not given:
             shape_class = shape_class or "mixed"
+        if given and len(given) < len(_DIMENSIONS):
+            raise RecipeError("the preset database draws L, W and H together: give L, W and H together, or --size.")
         if seed is None:
             seed = 0
     elif seed is not None or shape_class is not None:
         seed = base["seed"] if seed is None else seed
         del base["seed"]
         if shape_class is not None:
-            for name in ("length", "width", "height"):
+            for name in _DIMENSIONS:
                 del base[name]
+    if given:
+        _require_order(given, base, unit)
+    fields |= {name: _as_float(value) * metre for name, value in given.items()}
     plan = Plan(
         count=1 if count is None else count,
         seed=seed,
         preset=preset,
         shape_class=shape_class,
         base={**base, **fields},
-        format=(format or sidecar.get("format") or "stl").lower(),
+        format=mesh_io.known_key(
+            "mesh format", sidecar.get("format", "stl") if format is None else format, mesh_io.FORMATS
+        ),
         unit=unit,
     )
     plan.validate()
     return plan
 
 
-def _sidecar_of(path: Path) -> dict[str, Any]:
-    """Format and unit that a particle's sidecar records; empty for a plain recipe."""
-    if path.suffix.lower() != ".json":
+def _sidecar_of(path: Path) -> dict[str, str]:
+    """Format and unit that a particle's sidecar asks for; empty for a plain recipe.
+
+    A glb file is in metres whatever was asked for, so that its sidecar tells no unit of the run.
+    """
+    values, kind = read_table(path)
+    if kind != "JSON" or not isinstance(values, dict) or "schema" not in values:
         return {}
+    sidecar = read_sidecar(path)
     try:
-        return read_sidecar(path)
-    except FileFormatError:
-        return {}
+        form = mesh_io.known_key("mesh format", sidecar["format"], mesh_io.FORMATS)
+        unit = mesh_io.known_key("unit", sidecar["unit"], mesh_io.UNITS)
+    except FileFormatError as error:
+        raise FileFormatError(f"{path}: {error}") from None
+    return {"format": form} if mesh_io.FORMATS[form].unit_rule == "metre" else {"format": form, "unit": unit}
 
 
-def _metre(unit: str) -> float:
-    if unit not in mesh_io.UNITS:
-        raise RecipeError(
-            f"expected --unit to be one of {', '.join(mesh_io.UNITS)}; got {unit!r}.{suggest(unit, mesh_io.UNITS)}"
-        )
-    return 1.0 / mesh_io.UNITS[unit]
-
-
-def _parse_size(text: str, metre: float) -> dict[str, float]:
+def _parse_size(text: str) -> dict[str, float]:
     try:
         length, width, height = (float(part) for part in text.split(","))
     except ValueError:
         raise RecipeError(f"expected --size L,W,H, such as 20,15,10; got {text!r}.") from None
-    return {"length": length * metre, "width": width * metre, "height": height * metre}
+    return {"length": length, "width": width, "height": height}
+
+
+def _require_order(given: dict[str, Any], base: dict[str, Any], unit: str) -> None:
+    """Refuse dimensions out of order in the unit in which they were given; the recipe itself speaks in metres."""
+    scale = mesh_io.UNITS[unit]
+    sizes = [_as_float(given[name]) if name in given else base[name] * scale for name in _DIMENSIONS]
+    # In metres, as the recipe compares them; what is not finite or not positive has an error of its own there.
+    length, width, height = (size / scale for size in sizes)
+    if 0 < min(sizes) and max(sizes) < float("inf") and not length >= width >= height:
+        raise RecipeError(
+            f"the target dimensions must be in the order L >= W >= H; got {', '.join(f'{s:g}' for s in sizes)} {unit}: "
+            "write them from the largest to the smallest."
+        )
+
+
+def _as_float(value: float) -> float:
+    try:
+        return float(value)
+    except OverflowError:  # a whole number beyond the range of float64
+        return float("inf")

@@ -16,6 +16,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from lithoform.errors import MeshError
 from lithoform.noise import GRADIENTS, cellular_noise_2, gradient_noise_3, split_key, vec2u
 from lithoform.parameters import Recipe
 from lithoform.seeds import Role, derive
@@ -176,11 +177,15 @@ def radii(recipes: Sequence[Recipe], directions: np.ndarray, *, device: str = "c
 
     Raises
     ------
+    MeshError
+        If the directions are not unit vectors of shape (n, 3).
     DeviceError
         If the device is not there.
     """
     reference = reference_directions()
     same = directions is reference
+    if not same:
+        directions = _checked_directions(directions)
     sites = reference if same else np.concatenate([reference, directions])
     sample = field(recipes, sites, device=device)
     out = np.empty((len(recipes), len(directions)))
@@ -194,6 +199,15 @@ def radii(recipes: Sequence[Recipe], directions: np.ndarray, *, device: str = "c
         factor = 1.0 + (recipe.perturbation / (peak + _EPSILON)) * noise
         out[i] = recipe.base_radius * guarded(factor if same else factor[len(reference) :])
     return out
+
+
+def _checked_directions(directions: np.ndarray) -> np.ndarray:
+    array = np.ascontiguousarray(directions, dtype=np.float64)
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise MeshError(f"expected directions of shape (n, 3), got {array.shape}.")
+    if not (np.abs(np.sqrt((array * array).sum(axis=1)) - 1.0) < 1e-6).all():  # False for NaN as well
+        raise MeshError("expected finite directions of unit length; divide each by its length.")
+    return array
 
 
 def guarded(factor: np.ndarray) -> np.ndarray:
@@ -214,7 +228,7 @@ def guarded(factor: np.ndarray) -> np.ndarray:
         The same shape, every value at least c.
     """
     floor = RADIUS_FLOOR
-    if factor.min() >= 2.0 * floor:
+    if factor.size == 0 or factor.min() >= 2.0 * floor:
         return factor
     low = np.maximum(factor, 0.0)
     return np.where(factor >= 2.0 * floor, factor, floor + low * low / (4.0 * floor))

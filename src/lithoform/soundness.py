@@ -10,6 +10,8 @@ intersection search decides.
 
 from __future__ import annotations
 
+import math
+import sys
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -61,7 +63,7 @@ def _star_kernel(
     state[i] = wp.int8(flags)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SoundnessReport:
     """What `check` found; every array is empty where nothing is wrong.
 
@@ -185,20 +187,38 @@ def check(mesh: Mesh) -> SoundnessReport:
         "self_intersections": np.empty((0, 2), dtype=np.int32),
     }
     sphere_like = c.euler_characteristic == 2 and c.component_count == 1 and not any(map(len, faults.values()))
-    volume = mesh.volume
+    measured, exponent = _of_ordinary_size(mesh)
+    volume = measured.volume
     certificate = "star-shaped"
-    if not (sphere_like and volume > 0 and _is_star_shaped(mesh)):
+    if not (sphere_like and volume > 0 and _is_star_shaped(measured)):
         certificate = "search"
-        faults["zero_area_faces"] = _zero_area_faces(mesh)
-        faults["self_intersections"] = find_self_intersections(mesh.vertices, mesh.faces)
+        faults["zero_area_faces"] = _zero_area_faces(measured)
+        faults["self_intersections"] = find_self_intersections(measured.vertices, measured.faces)
     return SoundnessReport(
         **faults,
         euler_characteristic=c.euler_characteristic,
         components=c.component_count,
-        volume=volume,
+        volume=volume if exponent == 0 else float(np.sign(volume)) * _bounded_power(abs(volume), 3 * exponent),
         certificate=certificate,
         places={name: _place(mesh, name, found[0]) for name, found in faults.items() if len(found)},
     )
+
+
+def _of_ordinary_size(mesh: Mesh) -> tuple[Mesh, int]:
+    """The mesh times 2^-exponent: lengths whose squares would over- or underflow are scaled, exactly."""
+    largest = float(np.abs(mesh.vertices).max())
+    exponent = math.frexp(largest)[1]
+    if largest == 0.0 or abs(exponent) < 200:
+        return mesh, 0
+    return mesh.with_vertices(np.ldexp(mesh.vertices, -exponent)), exponent
+
+
+def _bounded_power(value: float, exponent: int) -> float:
+    """A positive value times 2^exponent, kept within what float64 can hold, so that its sign survives."""
+    scaled = math.frexp(value)[1] + exponent
+    if scaled > 1023:
+        return sys.float_info.max
+    return sys.float_info.min if scaled < -1021 else math.ldexp(value, exponent)
 
 
 def _is_star_shaped(mesh: Mesh) -> bool:
