@@ -353,3 +353,17 @@ def test_steps_leave_their_input_alone():
     smooth(STONE, iterations=2)
     fit_to_box(STONE, SIZE)
     assert Mesh(STONE.vertices, STONE.connectivity).content_hash == before
+
+
+@pytest.mark.parametrize("weighting", ["vertices", "surface", "solid"])
+@pytest.mark.parametrize("squash", [(1, 0, 0), (0, 0, 0), (1, 1, 0)])
+def test_bodies_without_extent_are_refused(weighting, squash):
+    ball = sphere("octahedral", 2)
+    with pytest.raises(MeshError):
+        fit_to_box(ball.with_vertices(ball.vertices * squash), (3, 2, 1), weighting=weighting)
+
+
+def test_smoothing_leaves_vertices_that_no_face_uses_alone():
+    ball = sphere("octahedral", 2)
+    lone = Mesh(np.vstack([ball.vertices, [10.0, 10.0, 12.0]]), ball.faces)
+    assert smooth(lone, iterations=3).vertices[-1].tolist() == [10.0, 10.0, 12.0]

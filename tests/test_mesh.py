@@ -318,3 +318,10 @@ def test_a_mesh_survives_pickling_and_stays_read_only():
     assert again.content_hash == mesh.content_hash
     assert not again.vertices.flags.writeable
     assert not again.faces.flags.writeable
+
+
+def test_what_is_computed_and_kept_is_read_only():
+    mesh = sphere("octahedral", 2)
+    connectivity = pickle.loads(pickle.dumps(mesh.connectivity))
+    kept = [mesh.area_vectors, mesh.connectivity.edges, mesh.mass_properties.centroid, mesh.mass_properties.inertia]
+    assert not any(array.flags.writeable for array in [*kept, connectivity.faces])

@@ -8,7 +8,7 @@ import oracles
 import pytest
 from scipy import optimize, stats
 
-from lithoform.errors import DeviceError
+from lithoform.errors import DeviceError, MeshError
 from lithoform.noise import GRADIENTS, NOISE_BOUND, PERLIN_SUPREMUM, cellular_noise, gradient_noise
 from lithoform.seeds import MAX_SEED, Role, derive
 
@@ -382,3 +382,24 @@ def measured_slope(lacunarity: float, gain: float) -> float:
 def test_spectrum_of_fbm_follows_lacunarity_and_gain(lacunarity, gain):
     expected = 2 * np.log(gain) / np.log(lacunarity) - 1
     assert measured_slope(lacunarity, gain) == pytest.approx(expected, abs=0.1)
+
+
+# ------------------------------------------------------------------------------------------------ wrong input
+
+
+@pytest.mark.parametrize("noise", [gradient_noise, cellular_noise])
+@pytest.mark.parametrize(
+    ("points", "key", "words"),
+    [
+        ([[np.nan, 0.0, 0.0]], 1, "finite"),
+        ([[np.inf, 0.0, 0.0]], 1, "finite"),
+        ([[2.0**31, 0.0, 0.0]], 1, "below 2\\^31"),
+        ([1.0, 2.0, 3.0], 1, "shape"),
+        (np.zeros((3, 2)), 1, "shape"),
+        ([[0.0, 0.0, 0.0]], -1, "key"),
+        ([[0.0, 0.0, 0.0]], 2**64, "key"),
+    ],
+)
+def test_wrong_points_and_keys_are_refused(noise, points, key, words):
+    with pytest.raises(MeshError, match=words):
+        noise(points, key)

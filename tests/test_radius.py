@@ -8,6 +8,7 @@ import oracles
 import pytest
 
 from lithoform.conditioning import twist
+from lithoform.errors import MeshError
 from lithoform.parameters import PARAMETERS, Recipe
 from lithoform.presets import SHAPE_CLASSES, benchmark_recipe, database_recipe, particle_seed
 from lithoform.radius import RADIUS_FLOOR, field, guarded, radii, reference_directions
@@ -334,3 +335,22 @@ def test_cuda_equals_the_cpu():
     np.testing.assert_allclose(
         radii(recipes, DIRECTIONS, device="cuda"), radii(recipes, DIRECTIONS, device="cpu"), rtol=1e-9, atol=0
     )
+
+
+@pytest.mark.parametrize(
+    ("directions", "words"),
+    [
+        ([[np.nan, 0.0, 1.0]], "unit length"),
+        ([[0.0, 0.0, 0.0]], "unit length"),
+        ([[0.0, 0.0, 2.0]], "unit length"),
+        ([0.0, 0.0, 1.0], "shape"),
+        (np.zeros((2, 2)), "shape"),
+    ],
+)
+def test_wrong_directions_are_refused(directions, words):
+    with pytest.raises(MeshError, match=words):
+        radii([Recipe()], np.asarray(directions))
+
+
+def test_no_directions_give_no_radii():
+    assert radii([Recipe()], np.zeros((0, 3))).shape == (1, 0)

@@ -302,3 +302,12 @@ def test_as_dict_is_plain():
     assert plain["self_intersections"] == 0
     assert plain["problems"] == report.problems()
     assert plain["euler_characteristic"] == 1
+
+
+@pytest.mark.parametrize("scale", [1e-200, 1e-90, 1e100, 1e200])
+def test_size_does_not_change_the_verdict(scale):
+    ball = sphere("octahedral", 5)
+    report = check(ball.with_vertices(scale * ball.vertices))
+    assert report.sound
+    assert report.volume > 0
+    assert not check(Mesh(scale * ball.vertices, ball.faces[:, ::-1])).sound
