@@ -64,8 +64,10 @@ MAY_IMPORT: dict[str, set[str]] = {
     "mesh_io": {"atomic", "errors", "mesh", "parameters"},
     "sidecar": {"atomic", "errors", "mesh", "mesh_io"},
     "progress": set(),
+    "locking": {"errors"},
     "planning": FOUNDATION | {"feasibility", "mesh_io", "recipe_io", "sidecar"},
-    "production": FOUNDATION | {"atomic", "generation", "mesh_io", "particle", "planning", "progress", "sidecar"},
+    "production": FOUNDATION
+    | {"atomic", "generation", "locking", "mesh_io", "particle", "planning", "progress", "sidecar"},
     # populations
     "database": FOUNDATION | MEASURES | {"generation", "mesh", "particle", "recipe_io"},
     "statistics": {"errors"},
@@ -78,7 +80,8 @@ MAY_IMPORT: dict[str, set[str]] = {
     # results in, pictures and pages out; nothing is computed anew
     "rendering": {"errors", "mesh"},
     "figures": {"atomic", "errors", "mesh", "parameters", "rendering"},
-    "reproduce": FOUNDATION | {"figures", "generation", "mesh", "particle", "rendering"},
+    "run_report": {"figures", "mesh_io", "planning", "production", "sidecar"},
+    "reproduce": FOUNDATION | {"feasibility", "figures", "generation", "mesh", "particle", "rendering", "warp_runtime"},
     "report": {"errors", "figures", "mesh", "parameters"},
 }
 # On top: these may import everything below them, `__init__` so as to hand it on.

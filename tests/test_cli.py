@@ -228,7 +228,25 @@ def test_check_goes_on_after_a_file_that_cannot_be_read(run):
         (["--format", "step"], "stl, ply, obj, glb, 3mf"),
         (["--unit", "ft"], "m, cm, mm, um, in"),
         (["--size", "10,20"], "L,W,H"),
-        (["--size", "10,20,30"], "L >= W >= H"),
+        (["--size", "10,20,30"], "L >= W >= H; got 10, 20, 30 mm:"),
+        (["--size", "nan,20,30"], "finite"),
+        (["--size", f"1{'0' * 400},20,10"], "finite"),
+        (["--set", f"L=1{'0' * 400}", "W=2", "H=1"], "finite"),
+        (["--size", "20", "15", "10"], "such as 20,15,10; got 20 15"),
+        (["--size", "20,", "15,", "10"], "such as 20,15,10; got 20, 15,"),
+        (["--size", "-20,15,10"], "such as 20,15,10; got -20,15,10"),
+        (["--set", "L=20"], "give L, W and H together, or --size"),
+        (["--set", "W=2", "H=1"], "give L, W and H together, or --size"),
+        (["--preset", "benchmark", "--set", "H=1.6"], "L >= W >= H; got 2, 1.5, 1.6 mm:"),
+        (["--count", "1.5"], "a whole number in digits; got '1.5'"),
+        (["--count", "1e3"], "a whole number"),
+        (["--count", "-1"], "at least 1; got -1"),
+        (["--count", "10000001"], "at most 10000000"),
+        (["--seed", "-1.5"], "a whole number in digits; got '-1.5'"),
+        (["--seed", "9" * 5000], "at most 39 digits; got 5000"),
+        (["--triangles", "800.4"], "a whole number in digits"),
+        (["--format", ""], "stl, ply, obj, glb, 3mf"),
+        (["--unit", ""], "m, cm, mm, um, in"),
         (["--size", "30,20,10", "--class", "cube"], "use one of them"),
         (["--size", "30,20,10", "--set", "L=30"], "not by both"),
         (["--triangles", "20001"], "20000 and 20480"),
@@ -272,6 +290,208 @@ def test_an_unexpected_fault_is_still_one_sentence(run, monkeypatch):
     assert status == 2
     assert "ZeroDivisionError" in err
     assert "Traceback" not in err
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["--triangles", "7"], ["--triangles", "800.5"], ["--seed", "-4"], ["--triangles", "8"], ["--device", "tpu"]],
+    ids=" ".join,
+)
+def test_a_wrong_request_for_a_figure_leaves_no_folder(run, arguments):
+    pytest.importorskip("pyvista", reason="the extra 'pictures' is not installed")
+    status, out, err = run("reproduce", "fig2", *arguments)
+    assert (status, out, err.count("\n")) == (2, "", 1)
+    assert "unexpected" not in err
+    assert not Path("figures").exists()
+
+
+def test_one_dimension_of_the_benchmark_is_in_the_unit_of_the_others(run):
+    run("generate", "out", "--preset", "benchmark", "--set", "L=3", "--unit", "cm", *SMALL)
+    recipe = json.loads(Path("out/000001.json").read_text())["recipe"]
+    assert [recipe[n] for n in ("length", "width", "height")] == pytest.approx([0.03, 0.015, 0.01])
+
+
+def test_one_dimension_changes_that_of_a_recipe(run):
+    Path("r.toml").write_text(to_toml(Recipe(triangles=800, length=0.02, width=0.015, height=0.01)))
+    run("generate", "out", "--recipe", "r.toml", "--set", "L=30", "--device", "cpu")
+    recipe = json.loads(Path("out/000001.json").read_text())["recipe"]
+    assert [recipe[n] for n in ("length", "width", "height")] == [0.03, 0.015, 0.01]
+
+
+def test_a_format_is_taken_in_any_spelling(run):
+    run("generate", "out", "--format", ".PLY", *SMALL)
+    assert Path("out/000001.ply").exists()
+
+
+def test_the_report_names_the_unit_of_the_file(run):
+    _, out, _ = run("generate", "out", "--format", "glb", *SMALL)
+    assert "(glb, m)" in out
+
+
+def test_a_glb_sidecar_does_not_set_the_unit_of_the_run(run):
+    run("generate", "a", "--format", "glb", *SMALL)
+    run("generate", "b", "--recipe", "a/000001.json", "--device", "cpu")
+    assert Path("a/000001.glb").read_bytes() == Path("b/000001.glb").read_bytes()
+    run("generate", "c", "--recipe", "a/000001.json", "--size", "20,15,10", "--format", "ply", "--device", "cpu")
+    sidecar = json.loads(Path("c/000001.json").read_text())
+    assert (sidecar["unit"], sidecar["recipe"]["length"]) == ("mm", 0.02)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"schema": 2}, "newer than 1"),
+        ({"schema": "1"}, "expected a lithoform sidecar"),
+        ({"unit": "ft"}, "expected a unit"),
+        ({"unit": 5}, "expected a unit"),
+        ({"format": "step"}, "expected a mesh format"),
+        ({"volume": None}, None),
+    ],
+)
+def test_a_sidecar_of_another_form_is_not_taken_for_a_bare_recipe(run, change, words):
+    run("generate", "a", *SMALL)
+    sidecar = json.loads(Path("a/000001.json").read_text()) | change
+    if words is None:
+        del sidecar["volume"]
+    Path("other.json").write_text(json.dumps(sidecar))
+    status, _, err = run("generate", "b", "--recipe", "other.json")
+    assert status == 2
+    assert err.startswith("lithoform: other.json: ")
+    assert (words or "lacks volume") in err
+    assert not Path("b").exists()
+
+
+def test_relaxed_particles_are_told(run, monkeypatch):
+    run("generate", "out", "--count", "3", *SMALL)
+    path = Path("out/000002.json")
+    sidecar = json.loads(path.read_text())
+    sidecar["provenance"]["relaxed_vertices"] = 7
+    path.write_text(json.dumps(sidecar))
+    _, out, _ = run("generate", "out", "--count", "3", "--resume", *SMALL)
+    assert "  relaxed  1 of 3 particles, where faces crossed after the twist: see provenance\n" in out
+    _, out, _ = run("generate", "out", "--count", "3", "--resume", "--json", *SMALL)
+    assert json.loads(out)["relaxed"] == 1
+
+
+def test_two_runs_into_one_folder_at_once_are_refused(run, tmp_path):
+    out = tmp_path / "out"
+    first = command("generate", str(out), "--count", "100000", *SMALL)
+    try:
+        while first.poll() is None and not list(out.glob("*.json")):
+            time.sleep(0.01)
+        for option in ([], ["--resume"], ["--overwrite"]):
+            status, _, err = run("generate", "out", "--count", "100000", *option, *SMALL)
+            assert status == 2
+            assert "another run is writing into out; wait for it or choose another folder" in err
+    finally:
+        first.kill()
+        first.communicate()
+    # The lock ends with the process that held it.
+    assert (out / ".lithoform.lock").exists()
+    status, *_ = run("generate", "out", "--count", "2", "--overwrite", *SMALL)
+    assert status == 0
+    assert not (out / ".lithoform.lock").exists()
+
+
+def test_a_lock_left_behind_is_no_content(run):
+    Path("out").mkdir()
+    Path("out/.lithoform.lock").write_text("")
+    assert run("generate", "out", *SMALL)[0] == 0
+    assert ".lithoform.lock" not in bytes_of(Path("out"))
+
+
+def test_overwrite_removes_only_what_the_former_run_wrote(run):
+    run("generate", "out", "--count", "2", *SMALL)
+    kept = {name: Path("out", name) for name in ("000003.stl", "000001.ply", "0000001.stl", "notes.json", ".hidden")}
+    for path in kept.values():
+        path.write_text("mine")
+    status, *_ = run("generate", "out", "--count", "1", "--overwrite", *SMALL)
+    assert status == 0
+    assert all(path.read_text() == "mine" for path in kept.values())
+    assert not Path("out/000002.stl").exists()
+    before = bytes_of(Path("out"))
+    for arguments in (["--count", "3"], ["--format", "ply"]):
+        status, _, err = run("generate", "out", "--overwrite", *arguments, *SMALL)
+        assert status == 2
+        assert "move the files away" in err
+    assert bytes_of(Path("out")) == before
+
+
+@pytest.mark.parametrize("plan", [None, "{", "{}", '{"count": 5, "format": "stl"}'])
+def test_overwrite_leaves_files_that_no_run_of_ours_wrote(run, plan):
+    Path("out").mkdir()
+    Path("out/000001.stl").write_text("a scan")
+    if plan is not None:
+        Path("out/run.json").write_text(plan)
+    before = bytes_of(Path("out"))
+    for option in ([], ["--overwrite"], ["--resume"]):
+        status, _, err = run("generate", "out", *option, *SMALL)
+        assert (status, err.count("\n")) == (2, 1)
+    assert bytes_of(Path("out")) == before
+
+
+def test_resume_wants_the_version_that_began(run):
+    run("generate", "out", *SMALL)
+    path = Path("out/run.json")
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"lithoform": "0.0.1"}))
+    status, _, err = run("generate", "out", "--resume", *SMALL)
+    assert status == 2
+    assert "a run of lithoform 0.0.1" in err
+
+
+@pytest.mark.parametrize(
+    "change", [{"number": 2}, {"unit": "m"}, {"format": "ply"}, {"recipe": Recipe().as_dict()}, {"provenance": None}]
+)
+def test_resume_makes_a_particle_of_another_plan_anew(run, change):
+    run("generate", "out", *SMALL)
+    expected = bytes_of(Path("out"))
+    path = Path("out/000001.json")
+    sidecar = json.loads(path.read_text()) | change
+    if change == {"provenance": None}:
+        del sidecar["provenance"]
+    path.write_text(json.dumps(sidecar))
+    run("generate", "out", "--resume", *SMALL)
+    assert bytes_of(Path("out")) == expected
+
+
+@pytest.mark.parametrize("name", ["a" * 300, "a/" * 3000, "dangling", "dangling/deeper"])
+def test_a_folder_that_cannot_be_is_one_sentence(run, name):
+    Path("dangling").symlink_to("nowhere")
+    status, _, err = run("generate", name, *SMALL)
+    assert (status, err.count("\n")) == (2, 1)
+    assert "unexpected" not in err
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
+@pytest.mark.parametrize("words", [["check", "x.stl"], ["--help"], ["--version"]], ids=" ".join)
+def test_an_output_that_takes_nothing_is_one_sentence(words, tmp_path):
+    for redirect, said in ((">/dev/full", "No space left"), (">&-", "standard output is closed")):
+        line = f'"$0" -m lithoform {" ".join(words)} {redirect}'
+        done = subprocess.run(["sh", "-c", line, sys.executable], cwd=tmp_path, capture_output=True, text=True)
+        assert done.returncode == 2
+        assert said in done.stderr
+        assert done.stderr.count("\n") == 1
+        assert "unexpected" not in done.stderr
+
+
+def test_a_reader_that_stops_early_is_no_fault(tmp_path):
+    with command("generate", "--help", cwd=tmp_path) as process:
+        assert process.stdout is not None
+        process.stdout.close()
+        assert process.wait(60) == 141
+        assert process.stderr is not None
+        assert process.stderr.read() == ""
+
+
+@pytest.mark.skipif(sys.platform in ("darwin", "win32"), reason="names are Unicode there")
+def test_a_folder_of_any_bytes_can_be_written_and_printed(run, tmp_path):
+    name = os.fsdecode(b"\xff")
+    status, out, err = run("generate", name, *SMALL)
+    assert (status, err) == (0, "")
+    assert "\\udcff" in out
+    assert Path(name, "particles.parquet").exists()
+    status, out, _ = run("generate", name, "--resume", "--json", *SMALL)
+    assert json.loads(out)["out"] == name
 
 
 def test_other_content_is_refused_and_never_removed(run):
@@ -396,7 +616,7 @@ def test_a_folder_without_permission_is_a_clear_error(run, tmp_path):
 
 
 def test_every_command_has_help_with_an_example(run):
-    for words in (["generate"], ["check"], ["reproduce"]):
+    for words in ([], ["generate"], ["check"], ["reproduce"]):
         status, out, _ = run(*words, "--help")
         assert status == 0
         assert "Example" in out

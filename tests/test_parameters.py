@@ -454,6 +454,11 @@ def test_toml_says_what_each_field_is_and_is_read_by_symbol(tmp_path):
         ("a.toml", f"seed = {2**64}", RecipeError, f"got {2**64}"),
         ("a.toml", f"k = 1{'0' * 400}", RecipeError, "perturbation"),
         ("a.toml", "[k]\nvalue = 1", RecipeError, "must be a number"),
+        ("a.toml", f"k = {'1' * 5000}", FileFormatError, "thousands of digits"),
+        ("a.json", f'{{"k": {"1" * 5000}}}', FileFormatError, "thousands of digits"),
+        ("a.toml", f"k = {'[' * 50_000}", FileFormatError, "nested too deeply|not valid TOML"),
+        ("a.json", f'{{"k": {"[" * 100_000}', FileFormatError, "nested too deeply"),
+        ("a.toml", "{", FileFormatError, "not valid JSON"),
         ("a.toml", "delta = [1, 2]", RecipeError, r"phase_offset \(delta\) must be three numbers"),
     ],
 )
@@ -462,6 +467,14 @@ def test_bad_files_are_one_clear_error_that_names_the_file(tmp_path, name, conte
     with pytest.raises(error, match=message) as caught:
         read_recipe(tmp_path / name)
     assert name in str(caught.value)
+
+
+def test_a_byte_order_mark_and_json_by_another_name_are_read(tmp_path):
+    (tmp_path / "a.toml").write_text("k = 0.1\n", encoding="utf-8-sig")
+    (tmp_path / "a.json").write_text('{"k": 0.1}', encoding="utf-8-sig")
+    (tmp_path / "a.txt").write_text('\n {"recipe": {"k": 0.1}}')
+    for name in ("a.toml", "a.json", "a.txt"):
+        assert read_recipe(tmp_path / name) == Recipe(perturbation=0.1)
 
 
 def test_files_that_cannot_be_read(tmp_path):

@@ -1,34 +1,34 @@
 """The command `lithoform`: generate, check, reproduce.
 
 Results go to standard output, progress and errors to standard error.  Exit status: 0 done; 1 an unsound mesh
-was found by `check`; 2 a wrong request or a failure, said in one sentence; 130 interrupted.
+was found by `check`; 2 a wrong request or a failure, said in one sentence; 130 interrupted; 141 nobody reads on.
 """
 
 from __future__ import annotations
 
+import contextlib
+import io
 import json
 import os
+import re
 import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
-from cyclopts import App, CycloptsError, Parameter
+from cyclopts import App, CycloptsError, Parameter, Token
 
 from lithoform import __version__
 from lithoform.errors import FileFormatError, LithoformError, MeshError, OutputError, RecipeError
 
-if TYPE_CHECKING:
-    from lithoform.planning import Plan
-
 __all__ = ["app", "main"]
-
-MAX_PICTURED = 60
 
 app = App(
     name="lithoform",
-    help="Simulation-ready virtual rock particles: generate, check and picture them.",
+    help="""Simulation-ready virtual rock particles: generate, check and picture them.
+
+**Example:** `lithoform generate stones --count 12 --picture`""",
     version=__version__,
     help_format="markdown",
 )
@@ -36,19 +36,32 @@ app = App(
 Flag = Annotated[bool, Parameter(negative="")]
 
 
+def _whole(_: Any, tokens: Sequence[Token]) -> int:
+    """A whole number and nothing that would have to be rounded to one."""
+    text = tokens[0].value
+    if not re.fullmatch(r"[+-]?[0-9]+", text):
+        raise ValueError(f"expected a whole number in digits; got {text!r}.")
+    if len(text) > 40:
+        raise ValueError(f"expected a whole number of at most 39 digits; got {len(text)}.")
+    return int(text)
+
+
+Whole = Annotated[int, Parameter(converter=_whole)]
+
+
 @app.command
 def generate(
     out: Path = Path("particles"),
     *,
-    count: int | None = None,
-    seed: int | None = None,
+    count: Whole | None = None,
+    seed: Whole | None = None,
     class_: Annotated[str | None, Parameter(name="--class")] = None,
     preset: str | None = None,
     recipe: Path | None = None,
     set_: Annotated[list[str] | None, Parameter(name="--set", negative="")] = None,
     size: str | None = None,
     unit: str | None = None,
-    triangles: int | None = None,
+    triangles: Whole | None = None,
     format: str | None = None,
     device: str = "auto",
     picture: Flag = False,
@@ -109,6 +122,7 @@ def generate(
     from lithoform import production
     from lithoform.planning import plan_run
     from lithoform.progress import track
+    from lithoform.run_report import draw_gallery, run_report
     from lithoform.warp_runtime import resolve_device
 
     started = time.perf_counter()
@@ -124,23 +138,24 @@ def generate(
         from lithoform.rendering import require_pictures
 
         require_pictures()
-    production.open_run(out, plan, overwrite=overwrite, resume=resume)
-    numbers = production.unfinished(out, plan) if resume else list(range(1, plan.count + 1))
-    done = 0
-    try:
-        for _ in track(production.produce(out, plan, numbers, device=device), total=len(numbers), what="particles"):
-            done += 1
-    except KeyboardInterrupt:
-        # Work in flight was finished after the last count.
-        already = plan.count - len(numbers) + done
-        print(
-            f"lithoform: interrupted with at least {already} of {plan.count} particles; add --resume to finish it.",
-            file=sys.stderr,
-        )
-        return 130
-    table = production.write_table(out, plan)
-    drawn = _draw_gallery(out, plan) if picture else None
-    _report_run(out, plan, table, drawn, done, time.perf_counter() - started, as_json=json_)
+    with production.open_run(out, plan, overwrite=overwrite, resume=resume):
+        numbers = production.unfinished(out, plan) if resume else range(1, plan.count + 1)
+        done = 0
+        try:
+            for _ in track(production.produce(out, plan, numbers, device=device), total=len(numbers), what="particles"):
+                done += 1
+        except KeyboardInterrupt:
+            # Work in flight was finished after the last count.
+            already = plan.count - len(numbers) + done
+            print(
+                f"lithoform: interrupted with at least {already} of {plan.count} particles; add --resume to finish it.",
+                file=sys.stderr,
+            )
+            return 130
+        relaxed = production.write_table(out, plan)
+        drawn = draw_gallery(out, plan) if picture else None
+    seconds = time.perf_counter() - started
+    _say(run_report(out, plan, drawn=drawn, done=done, relaxed=relaxed, seconds=seconds, as_json=json_))
     return 0
 
 
@@ -176,9 +191,9 @@ def check(
         result = _check_file(path)
         results.append(result)
         if not json_:
-            print(_check_line(result))
+            _say(_check_line(result))
     if json_:
-        print(json.dumps(results, indent=2))
+        _say(json.dumps(results, indent=2))
     if any(result.get("sound") is False for result in results):
         return 1
     return 2 if any("error" in result for result in results) else 0
@@ -190,8 +205,8 @@ def reproduce(
     /,
     *,
     out: Path = Path("figures"),
-    seed: int | None = None,
-    triangles: int = 20_000,
+    seed: Whole | None = None,
+    triangles: Whole = 20_000,
     device: str = "auto",
     json_: Annotated[bool, Parameter(name="--json", negative="")] = False,
     debug: Flag = False,
@@ -222,7 +237,7 @@ def reproduce(
     if what not in figures.FIGURES:
         raise RecipeError(f"expected one of {', '.join(figures.FIGURES)}; got {what!r}.")
     path = figures.FIGURES[what](out, seed=seed, triangles=triangles, device=device)
-    print(json.dumps({"figure": what, "file": str(path)}) if json_ else f"{what}: {path}")
+    _say(json.dumps({"figure": what, "file": str(path)}) if json_ else f"{what}: {path}")
     return 0
 
 
@@ -236,13 +251,17 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """
     given = list(sys.argv[1:] if arguments is None else arguments)
     try:
+        _open_output()
+        _require_size_in_one_word(given)
         status = app(_repeat_set(given), exit_on_error=False, print_error=False, result_action="return_value")
+        _say("", end="")  # what the help has left in the buffer
     except KeyboardInterrupt:
         print("lithoform: interrupted.", file=sys.stderr)
         status = 130
-    except BrokenPipeError:
+    except (BrokenPipeError, SystemExit):
         # The reader of our output has gone (`lithoform check ... | head`): no fault of ours, nothing to say.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        # The page of --help ends with SystemExit then.
+        _drop_output()
         status = 141
     except (LithoformError, CycloptsError) as error:
         if "--debug" in given:
@@ -252,12 +271,51 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except Exception as error:
         if "--debug" in given:
             raise
+        if isinstance(error, OSError) and {"--help", "-h", "--version"} & set(given):
+            # These pages are printed by cyclopts, not by `_say`.
+            _drop_output()
+            print(f"lithoform: standard output cannot be written: {error.strerror or error}.", file=sys.stderr)
+            sys.exit(2)
         # A fault of the program, not of the request; still no traceback in a user's terminal.
         kind = type(error).__name__
         print(f"lithoform: unexpected fault ({kind}: {_one_line(error)}); --debug shows where.", file=sys.stderr)
         status = 2
 
     sys.exit(status or 0)
+
+
+def _open_output() -> None:
+    """Let names be printed that the terminal cannot show; refuse to work for an output that is closed."""
+    if sys.stdout is None:
+        raise OutputError("standard output is closed; send it to a file, or to /dev/null.")
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")
+
+
+def _say(text: str, *, end: str = "\n") -> None:
+    """Print a result at once, so that an output that takes none is an error of the command."""
+    try:
+        print(text, end=end, flush=True)
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        _drop_output()
+        raise OutputError(f"standard output cannot be written: {error.strerror or error}.") from None
+
+
+def _drop_output() -> None:
+    """Send the rest of standard output nowhere: the interpreter flushes it once more when it ends."""
+    with contextlib.suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _require_size_in_one_word(arguments: list[str]) -> None:
+    """Refuse `--size 20 15 10` and `--size -20,15,10`, of which the second word and the minus mean something else."""
+    for word, value, after in zip(arguments, arguments[1:], [*arguments[2:], ""], strict=False):
+        is_split = value.count(",") != 2 and re.match(r"[-+.,]?[0-9]", after)
+        if word == "--size" and (is_split or re.match(r"-[.0-9]", value)):
+            got = f"{value} {after}" if is_split else value
+            raise RecipeError(f"expected --size L,W,H, three lengths above 0 such as 20,15,10; got {got}.")
 
 
 def _repeat_set(arguments: list[str]) -> list[str]:
@@ -280,57 +338,12 @@ def _one_line(error: Exception) -> str:
     return " ".join(line.strip() for line in text.splitlines() if line.strip())
 
 
-def _draw_gallery(out: Path, plan: Plan) -> Path:
-    from lithoform.figures import gallery
-    from lithoform.mesh_io import UNITS, read_mesh
-    from lithoform.production import PICTURE_FILE
-    from lithoform.sidecar import read_sidecar, sidecar_path
-
-    meshes, captions = [], []
-    for number in range(1, min(plan.count, MAX_PICTURED) + 1):
-        path = out / plan.mesh_file(number)
-        sidecar = read_sidecar(sidecar_path(path))
-        recipe = sidecar["recipe"]
-        size = " x ".join(f"{recipe[n] * UNITS[plan.unit]:.3g}" for n in ("length", "width", "height"))
-        meshes.append(read_mesh(path, unit=plan.unit))
-        captions.append(f"{number:06d}  {sidecar['class']}\n{size} {plan.unit}")
-    target = out / PICTURE_FILE
-    gallery(meshes, captions, target)
-    return target
-
-
-def _report_run(
-    out: Path, plan: Plan, table: Path, drawn: Path | None, done: int, seconds: float, *, as_json: bool
-) -> None:
-    if as_json:
-        answer = {
-            "out": str(out),
-            "count": plan.count,
-            "generated": done,
-            "files": [plan.mesh_file(n) for n in range(1, plan.count + 1)],
-            "table": str(table),
-            "picture": None if drawn is None else str(drawn),
-            "seconds": round(seconds, 3),
-        }
-        print(json.dumps(answer, indent=2))
-        return
-    kept = f" ({plan.count - done} were there already)" if done < plan.count else ""
-    noun = "particle" if plan.count == 1 else "particles"
-    print(f"{plan.count} {noun} in {out.resolve()}{kept}, every mesh checked when it was made, {seconds:.1f} s")
-    last = "" if plan.count == 1 else f" ... {plan.mesh_file(plan.count)}"
-    print(f"  meshes   {plan.mesh_file(1)}{last}  ({plan.format}, {plan.unit}), with a .json sidecar each")
-    print(f"  table    {table.name}")
-    if drawn is not None:
-        some = f"  (the first {MAX_PICTURED})" if plan.count > MAX_PICTURED else ""
-        print(f"  picture  {drawn.name}{some}")
-
-
 def _mesh_files(paths: list[Path]) -> list[Path]:
     from lithoform.mesh_io import FORMATS
 
     out: list[Path] = []
     for path in paths:
-        if path.is_dir():
+        if os.path.isdir(path):  # noqa: PTH112 (Path.is_dir raises for a name too long)
             found = sorted(p for p in path.iterdir() if p.suffix.lower()[1:] in FORMATS)
             if not found:
                 raise FileFormatError(f"the folder {path} holds no mesh files ({', '.join(FORMATS)}).")

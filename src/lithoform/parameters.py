@@ -208,9 +208,14 @@ class Recipe:
             and self.smoothing_iterations
             and -self.smoothing_mu <= self.smoothing_lambda
         ):
+            way_out = (
+                f"mu = {-1.06 * self.smoothing_lambda:.3g}"
+                if self.smoothing_lambda < 0.94
+                else "lambda = 0.5 and mu = -0.53"
+            )
             raise RecipeError(
                 f"a Taubin pair needs -smoothing_mu > smoothing_lambda, or it shrinks; got mu = {self.smoothing_mu:g} "
-                f"and lambda = {self.smoothing_lambda:g}: try lambda = 0.5 and mu = -0.53."
+                f"and lambda = {self.smoothing_lambda:g}: try {way_out}."
             )
 
         self._check_twist()
@@ -332,8 +337,11 @@ def _checked(parameter: Parameter, value: Any) -> Any:
     if parameter.kind == "vector":
         vector = _vector(_label(parameter), value)
         return tuple(_number(parameter, c) for c in vector)
-    is_integer = isinstance(value, numbers.Integral) and not isinstance(value, bool)
-    if not is_integer and not (isinstance(value, numbers.Real) and float(value).is_integer()):
+    if (
+        isinstance(value, bool)
+        or not isinstance(value, numbers.Real)
+        or (not isinstance(value, numbers.Integral) and not float(value).is_integer())
+    ):
         raise RecipeError(f"{_label(parameter)} must be a whole number; got {value!r}.")
     whole = int(value)  # pyright: ignore[reportArgumentType]
     if not parameter.low <= whole <= parameter.high:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -157,7 +158,7 @@ def plan_run(
         base = read_recipe(recipe).as_dict()
         if seed is None and count not in (None, 1):
             seed = base["seed"]
-    unit = mesh_io.known_key("unit for --unit", sidecar.get("unit", "mm") if unit is None else unit, mesh_io.UNITS)
+    unit = mesh_io.known_key("unit", sidecar.get("unit", "mm") if unit is None else unit, mesh_io.UNITS)
     metre = 1.0 / mesh_io.UNITS[unit]
     if "seed" in fields:
         raise RecipeError("set the seed with --seed; each particle's own seed is derived from it.")
@@ -234,12 +235,13 @@ def _parse_size(text: str) -> dict[str, float]:
 def _require_order(given: dict[str, Any], base: dict[str, Any], unit: str) -> None:
     """Refuse dimensions out of order in the unit in which they were given; the recipe itself speaks in metres."""
     scale = mesh_io.UNITS[unit]
-    sizes = [_as_float(given[name]) if name in given else base[name] * scale for name in _DIMENSIONS]
-    # In metres, as the recipe compares them; what is not finite or not positive has an error of its own there.
-    length, width, height = (size / scale for size in sizes)
-    if 0 < min(sizes) and max(sizes) < float("inf") and not length >= width >= height:
+    metres = [_as_float(given[name]) * (1.0 / scale) if name in given else base[name] for name in _DIMENSIONS]
+    length, width, height = metres
+    # What is not finite or not positive has an error of its own in the recipe.
+    if all(math.isfinite(size) and size > 0 for size in metres) and not length >= width >= height:
+        sizes = ", ".join(f"{size * scale:g}" for size in metres)
         raise RecipeError(
-            f"the target dimensions must be in the order L >= W >= H; got {', '.join(f'{s:g}' for s in sizes)} {unit}: "
+            f"the target dimensions must be in the order L >= W >= H; got {sizes} {unit}: "
             "write them from the largest to the smallest."
         )
 

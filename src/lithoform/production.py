@@ -7,10 +7,12 @@ resumed and ends with the files of an uninterrupted one.
 
 from __future__ import annotations
 
+import contextlib
+import dataclasses
 import hashlib
 import json
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -18,12 +20,13 @@ from lithoform import mesh_io
 from lithoform.atomic import atomic_path, atomic_write, remove_partials
 from lithoform.errors import FileFormatError, OutputError
 from lithoform.generation import generate_many
+from lithoform.locking import LOCK_FILE, folder_lock
 from lithoform.parameters import Recipe
 from lithoform.particle import Particle
 from lithoform.planning import Plan
 from lithoform.presets import shape_class_of
 from lithoform.progress import track
-from lithoform.sidecar import read_sidecar, sidecar_path
+from lithoform.sidecar import program_version, read_sidecar, sidecar_path
 
 __all__ = ["PICTURE_FILE", "PLAN_FILE", "TABLE_FILE", "open_run", "produce", "unfinished", "write_table"]
 
@@ -31,12 +34,13 @@ PLAN_FILE: Final = "run.json"
 TABLE_FILE: Final = "particles.parquet"
 PICTURE_FILE: Final = "gallery.png"
 
-_OWN_FILE: Final = re.compile(r"\d{6,}\.(stl|ply|obj|glb|3mf|json)|run\.json|particles\.parquet|gallery\.png")
+_NUMBERED: Final = re.compile(r"(\d{6,})\.(\w+)", re.ASCII)
 _ROW_GROUP: Final = 4096
 
 
-def open_run(out: Path, plan: Plan, *, overwrite: bool = False, resume: bool = False) -> None:
-    """Make the folder of a run ready, or refuse.
+@contextlib.contextmanager
+def open_run(out: Path, plan: Plan, *, overwrite: bool = False, resume: bool = False) -> Iterator[None]:
+    """Make the folder of a run ready, or refuse; it is this run's alone while the block runs.
 
     Parameters
     ----------
@@ -46,54 +50,119 @@ def open_run(out: Path, plan: Plan, *, overwrite: bool = False, resume: bool = F
     overwrite : bool
         Remove the files of a former run of this program first (and nothing else).
     resume : bool
-        Go on with an unfinished run of the same plan.
+        Go on with an unfinished run of the same plan and the same version of the program.
 
     Raises
     ------
     OutputError
-        If the folder has other content and neither option is given, holds a run of another plan, or cannot
-        be made.
+        If the folder has other content and neither option is given, holds a run of another plan or files in the
+        way that no run of this program wrote, cannot be made, or another run is writing into it.
     """
-    if out.exists() and not out.is_dir():
-        raise OutputError(f"{out} is a file; name a folder for the particles.")
+    _make_folder(out)
+    with folder_lock(out):
+        _prepare(out, plan, overwrite=overwrite, resume=resume)
+        yield
+
+
+def _make_folder(out: Path) -> None:
     try:
+        if out.is_symlink() and not out.exists():
+            raise OutputError(f"{out} is a link to a place that does not exist; name a folder for the particles.")
+        if out.exists() and not out.is_dir():
+            raise OutputError(f"{out} is a file; name a folder for the particles.")
         out.mkdir(parents=True, exist_ok=True)
-        content = [path for path in out.iterdir() if not (path.name.startswith(".") and path.name.endswith(".partial"))]
+    except OutputError:
+        raise
+    except OSError as error:
+        raise OutputError(f"the folder {out} cannot be used: {error.strerror}.") from error
+
+
+def _prepare(out: Path, plan: Plan, *, overwrite: bool, resume: bool) -> None:
+    try:
+        content = {path.name for path in out.iterdir() if not _is_temporary(path.name)}
     except OSError as error:
         raise OutputError(f"the folder {out} cannot be used: {error.strerror}.") from error
     plan_path = out / PLAN_FILE
-    if content and resume and plan_path.exists():
+    if content and resume:
+        if PLAN_FILE not in content:
+            raise OutputError(f"{out} holds no run to resume (there is no {PLAN_FILE}); choose another folder.")
         _require_same_plan(plan_path, plan)
         remove_partials(out)
         return
-    if content and resume:
-        raise OutputError(f"{out} holds no run to resume (there is no {PLAN_FILE}); choose another folder.")
+    former = _read_plan(plan_path)
     if content and not overwrite:
-        way = (
-            "--resume finishes it, --overwrite starts anew"
-            if plan_path.exists()
-            else "choose another, or give --overwrite"
+        held, way = (
+            ("other files", "choose another, or give --overwrite")
+            if former is None
+            else ("a run of this program", "--resume finishes it, --overwrite starts anew")
         )
-        held = "a run of this program" if plan_path.exists() else "other files"
         raise OutputError(f"the folder {out} is not empty, it holds {held}: {way}.")
-    if plan_path.exists():
-        for path in content:
-            if _OWN_FILE.fullmatch(path.name):
-                path.unlink(missing_ok=True)
+    own = set() if former is None else _files_of(former, content)
+    foreign = content - own
+    clash = sorted(_files_of(plan.as_dict(), foreign))
+    if clash:
+        more = f" and {len(clash) - 1} more" if len(clash) > 1 else ""
+        raise OutputError(
+            f"{out} holds {clash[0]}{more}, which the run would write but no run of this program made there: choose "
+            "another folder, or move the files away."
+        )
+    try:
+        # The plan stays until the new one takes its place: if this is stopped, the files are still known as ours.
+        for name in sorted(own - {PLAN_FILE}):
+            (out / name).unlink(missing_ok=True)
+    except OSError as error:
+        raise OutputError(f"the former run in {out} cannot be removed: {error.strerror} ({error.filename}).") from error
     remove_partials(out)
-    atomic_write(plan_path, _json(plan.as_dict()))
+    atomic_write(plan_path, _json({"lithoform": program_version(), **plan.as_dict()}))
+
+
+def _is_temporary(name: str) -> bool:
+    return name == LOCK_FILE or (name.startswith(".") and name.endswith(".partial"))
+
+
+def _files_of(plan: dict[str, Any], names: set[str]) -> set[str]:
+    """Those of the names that a run of this plan writes."""
+
+    def belongs(name: str) -> bool:
+        if name in (PLAN_FILE, TABLE_FILE, PICTURE_FILE):
+            return True
+        match = _NUMBERED.fullmatch(name)
+        if match is None or match[2] not in (plan["format"], "json"):
+            return False
+        number = int(match[1])
+        return 1 <= number <= plan["count"] and match[1] == f"{number:06d}"
+
+    return {name for name in names if belongs(name)}
+
+
+def _read_plan(path: Path) -> dict[str, Any] | None:
+    """What a run of this program recorded, "lithoform" (its version) included; None for anything else."""
+    try:
+        plan = json.loads(path.read_bytes())
+    except (OSError, ValueError, RecursionError):
+        return None
+    wanted = {"lithoform", *(f.name for f in dataclasses.fields(Plan))}
+    if not isinstance(plan, dict) or not wanted <= set(plan):
+        return None
+    is_ours = isinstance(plan["lithoform"], str) and type(plan["count"]) is int and plan["format"] in [*mesh_io.FORMATS]
+    return plan if is_ours else None
 
 
 def _require_same_plan(path: Path, plan: Plan) -> None:
-    try:
-        former = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise OutputError(f"{path} is damaged, so that the run cannot be resumed; use --overwrite.") from error
-    ours = plan.as_dict()
-    if former != ours:
-        names = (
-            sorted(k for k in {*former, *ours} if former.get(k) != ours.get(k)) if isinstance(former, dict) else ["all"]
+    former = _read_plan(path)
+    if former is None:
+        raise OutputError(
+            f"{path} is damaged or not of this program; the run cannot be resumed: choose another folder."
         )
+    ours = {"lithoform": program_version(), **plan.as_dict()}
+    # The bytes of a stone are promised for one version of the program alone.
+    if former["lithoform"] != ours["lithoform"]:
+        raise OutputError(
+            f"{path.parent} holds a run of lithoform {former['lithoform']}, and this is {ours['lithoform']}: resume it "
+            "with that version, or use --overwrite."
+        )
+    if former != ours:
+        names = sorted(k for k in {*former, *ours} if former.get(k) != ours.get(k))
         raise OutputError(
             f"{path.parent} holds a run with other settings ({', '.join(names)} differ): resume it with the same "
             "command, or use --overwrite."
@@ -103,18 +172,29 @@ def _require_same_plan(path: Path, plan: Plan) -> None:
 def unfinished(out: Path, plan: Plan) -> list[int]:
     """Numbers of the particles that a run still has to make, in order."""
     numbers = track(range(1, plan.count + 1), total=plan.count, what="files looked at")
-    return [n for n in numbers if not _is_finished(out / plan.mesh_file(n))]
+    return [n for n in numbers if not _is_finished(out, plan, n)]
 
 
-def _is_finished(mesh_file: Path) -> bool:
+def _is_finished(out: Path, plan: Plan, number: int) -> bool:
+    """Whether the files of a particle are there, whole, and those of this plan."""
+    mesh_file = out / plan.mesh_file(number)
+    expected = {
+        "recipe": json.loads(json.dumps(plan.recipe(number).as_dict())),
+        "number": number,
+        "file": mesh_file.name,
+        "format": plan.format,
+        "unit": mesh_io.file_unit(plan.format, plan.unit),
+    }
     try:
-        expected = read_sidecar(sidecar_path(mesh_file))["file_sha256"]
-        return hashlib.sha256(mesh_file.read_bytes()).hexdigest() == expected
+        sidecar = read_sidecar(sidecar_path(mesh_file))
+        if "provenance" not in sidecar or any(sidecar.get(key) != value for key, value in expected.items()):
+            return False
+        return hashlib.sha256(mesh_file.read_bytes()).hexdigest() == sidecar["file_sha256"]
     except (FileFormatError, OSError):
         return False
 
 
-def produce(out: Path, plan: Plan, numbers: list[int], *, device: str = "auto") -> Iterator[int]:
+def produce(out: Path, plan: Plan, numbers: Sequence[int], *, device: str = "auto") -> Iterator[int]:
     """Generate and write particles, yielding each number once its files are there.
 
     Parameters
@@ -122,7 +202,7 @@ def produce(out: Path, plan: Plan, numbers: list[int], *, device: str = "auto") 
     out : Path
         A folder made ready by `open_run`.
     plan : Plan
-    numbers : list of int
+    numbers : sequence of int
         Which particles to make, in order.
     device : {"auto", "cpu", "cuda"}
 
@@ -142,7 +222,7 @@ def produce(out: Path, plan: Plan, numbers: list[int], *, device: str = "auto") 
     yield from results
 
 
-def _writer(out: Path, plan: Plan, numbers: list[int]) -> Callable[[int, Particle], int]:
+def _writer(out: Path, plan: Plan, numbers: Sequence[int]) -> Callable[[int, Particle], int]:
     def write(index: int, particle: Particle) -> int:
         number = numbers[index]
         extra = {"number": number, "class": plan.class_of(number) or shape_class_of(particle.recipe.size)}
@@ -152,7 +232,7 @@ def _writer(out: Path, plan: Plan, numbers: list[int]) -> Callable[[int, Particl
     return write
 
 
-def write_table(out: Path, plan: Plan) -> Path:
+def write_table(out: Path, plan: Plan) -> int:
     """Write OUT/particles.parquet from the sidecars: a row a particle, in SI units, in bounded memory.
 
     Parameters
@@ -163,7 +243,8 @@ def write_table(out: Path, plan: Plan) -> Path:
 
     Returns
     -------
-    Path
+    int
+        How many particles were relaxed, where faces crossed after the twist.
 
     Raises
     ------
@@ -173,14 +254,19 @@ def write_table(out: Path, plan: Plan) -> Path:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    target = out / TABLE_FILE
-    schema = pa.schema(_columns(pa))
-    with atomic_path(target) as partial, pq.ParquetWriter(partial, schema) as writer:
+    schema, relaxed = pa.schema(_columns(pa)), 0
+    # Opened here: the writer takes no name of a folder that is not UTF-8.
+    with (
+        atomic_path(out / TABLE_FILE) as partial,
+        partial.open("wb") as sink,
+        pq.ParquetWriter(sink, schema) as writer,
+    ):
         for start in range(1, plan.count + 1, _ROW_GROUP):
             numbers = range(start, min(start + _ROW_GROUP, plan.count + 1))
             rows = [_row(read_sidecar(sidecar_path(out / plan.mesh_file(n)))) for n in numbers]
+            relaxed += sum(row["relaxed_vertices"] > 0 for row in rows)
             writer.write_table(pa.Table.from_pylist(rows, schema=schema))
-    return target
+    return relaxed
 
 
 def _columns(pa: Any) -> list[tuple[str, Any]]:

@@ -6,12 +6,12 @@ import json
 import tomllib
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from lithoform.errors import FileFormatError, RecipeError
 from lithoform.parameters import PARAMETERS, Recipe, find_parameter
 
-__all__ = ["from_dict", "parse_setting", "parse_settings", "read_recipe", "to_toml"]
+__all__ = ["from_dict", "parse_setting", "parse_settings", "read_recipe", "read_table", "to_toml"]
 
 
 def from_dict(values: dict[str, Any]) -> Recipe:
@@ -33,7 +33,8 @@ def read_recipe(path: str | Path) -> Recipe:
     Parameters
     ----------
     path : str or Path
-        A ``.json`` file is read as a sidecar (or as a bare table of a recipe), any other as TOML.
+        A ``.json`` file, or one that begins with a brace, is read as a sidecar (or as a bare table of a recipe),
+        any other as TOML.
 
     Returns
     -------
@@ -47,22 +48,36 @@ def read_recipe(path: str | Path) -> Recipe:
         If what it says is not a valid recipe.
     """
     file = Path(path)
-    try:
-        text = file.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "it is not text"
-        raise FileFormatError(f"the recipe {file} cannot be read: {reason}.") from error
-    try:
-        values = json.loads(text) if file.suffix.lower() == ".json" else tomllib.loads(text)
-    except ValueError as error:
-        kind = "JSON" if file.suffix.lower() == ".json" else "TOML"
-        raise FileFormatError(f"the recipe {file} is not valid {kind}: {error}.") from error
+    values, _ = read_table(file)
     if isinstance(values, dict) and isinstance(values.get("recipe"), dict):
         values = values["recipe"]
     try:
         return from_dict(values)
     except RecipeError as error:
         raise RecipeError(f"{file}: {error}") from error
+    except RecursionError:
+        raise RecipeError(f"{file}: its tables or lists are nested too deeply for a recipe.") from None
+
+
+def read_table(path: str | Path) -> tuple[Any, Literal["JSON", "TOML"]]:
+    """Content of a TOML or JSON file, and which of the two it is; errors as in `read_recipe`."""
+    file = Path(path)
+    try:
+        # Some editors begin a file with a byte order mark, which neither TOML nor JSON allows.
+        text = file.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "it is not text"
+        raise FileFormatError(f"the recipe {file} cannot be read: {reason}.") from error
+    kind = "JSON" if file.suffix.lower() == ".json" or text.lstrip().startswith("{") else "TOML"
+    try:
+        return (json.loads(text) if kind == "JSON" else tomllib.loads(text)), kind
+    except (json.JSONDecodeError, tomllib.TOMLDecodeError) as error:
+        raise FileFormatError(f"the recipe {file} is not valid {kind}: {error}.") from error
+    except RecursionError:
+        raise FileFormatError(f"the recipe {file} is nested too deeply; a recipe is names and values.") from None
+    except ValueError as error:
+        # Python reads whole numbers of up to 4300 digits.
+        raise FileFormatError(f"the recipe {file} holds a number of thousands of digits; shorten it.") from error
 
 
 def to_toml(recipe: Recipe) -> str:
@@ -129,6 +144,6 @@ def _to_number(field: str, text: str) -> float | int:
     except ValueError:
         pass
     try:
-        return float(text)
+        return float(text)  # also a whole number too long for int: infinite, which no parameter may be
     except ValueError:
         raise RecipeError(f"{field} must be a number; got {text.strip()!r}.") from None

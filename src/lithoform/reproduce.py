@@ -5,6 +5,7 @@ Every stone is made anew by `lithoform.generation`; `lithoform.figures` draws it
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -168,12 +169,13 @@ def figure_2(
     """
     path = Path(out)
     if path.suffix.lower() != ".png":
-        if path.suffix and not path.is_dir():
+        if path.suffix and not os.path.isdir(path):  # noqa: PTH112 (Path.is_dir raises for a name too long)
             raise LithoformError(f"the figure is a PNG file: {path} should end in .png, or be a folder.")
         path = path / "fig2.png"
     require_pictures()
-    _make_folder(path.parent)
     benchmark = Recipe(seed=SEED if seed is None else seed, triangles=triangles)
+    _require_possible(FIGURE_2_VARIATIONS, benchmark, device)
+    _make_folder(path.parent)
     rows = list(_variations(FIGURE_2_VARIATIONS, benchmark, device, threads))
     return draw_plate(rows, path)
 
@@ -212,8 +214,9 @@ def parameter_plates(
     """
     target = Path(folder)
     require_pictures()
-    _make_folder(target)
     benchmark = Recipe(seed=SEED if seed is None else seed, triangles=triangles)
+    _require_possible(sweeps, benchmark, device)
+    _make_folder(target)
     return [
         draw_plate([row], target / f"{sweep.name}.png", cell=(190, 150), view=sweep.view, symbols=False)
         for sweep, row in zip(sweeps, _variations(sweeps, benchmark, device, threads), strict=True)
@@ -234,6 +237,17 @@ def _variations(sweeps: Iterable[Sweep], benchmark: Recipe, device: str, threads
             made[particle.recipe] = particle.mesh
         stones = [(text, made[recipe]) for text, recipe in zip(sweep.texts(), recipes, strict=True)]
         yield Variation(sweep.symbol, stones, recipes.index(benchmark) if benchmark in recipes else None)
+
+
+def _require_possible(sweeps: Iterable[Sweep], benchmark: Recipe, device: str) -> None:
+    """Refuse a device that is not there and stones that cannot be made, before anything is written."""
+    from lithoform.feasibility import require_feasible
+    from lithoform.warp_runtime import resolve_device
+
+    resolve_device(device)
+    for sweep in sweeps:
+        for recipe in sweep.recipes(benchmark):
+            require_feasible(recipe)
 
 
 def _make_folder(folder: Path) -> None:

@@ -13,13 +13,21 @@ from lithoform.errors import FileFormatError
 from lithoform.mesh import Mesh
 from lithoform.mesh_io import FORMATS, UNITS, file_unit, known_key, read_bytes
 
-__all__ = ["build_sidecar", "read_sidecar", "sidecar_path", "write_sidecar"]
+__all__ = ["build_sidecar", "program_version", "read_sidecar", "sidecar_path", "write_sidecar"]
 
 _SCHEMA: Final = 1
 _SIDECAR_KEYS: Final = (
     "lithoform", "schema", "recipe", "seed", "file", "format", "unit", "units", "triangles", "vertices",
     "volume", "area", "centroid", "inertia", "content_sha256", "file_sha256",
 )  # fmt: skip
+
+
+def program_version() -> str:
+    """Version of this program, as sidecars and plans record it."""
+    try:
+        return version("lithoform")
+    except PackageNotFoundError:
+        return "0+unknown"  # run from a folder, not installed
 
 
 def build_sidecar(
@@ -62,15 +70,11 @@ def build_sidecar(
     """
     name, held = known_key("mesh format", format, FORMATS), file_unit(format, unit)
     u, mass = UNITS[held], mesh.mass_properties
-    try:
-        program = version("lithoform")
-    except PackageNotFoundError:
-        program = "0+unknown"  # run from a folder, not installed
     taken = [key for key in extra or {} if key in _SIDECAR_KEYS]
     if taken:
         raise FileFormatError(f"a sidecar has its own {', '.join(taken)}; rename them.")
     values = (
-        program, _SCHEMA, recipe, recipe.get("seed"), Path(mesh_file).name, name, held,
+        program_version(), _SCHEMA, recipe, recipe.get("seed"), Path(mesh_file).name, name, held,
         {"volume": f"{held}^3", "area": f"{held}^2", "centroid": held, "inertia": f"{held}^5"},
         len(mesh.faces), len(mesh.vertices), mass.volume * u**3, mass.area * u**2,
         (mass.centroid * u).tolist(), (mass.inertia * u**5).tolist(), mesh.content_hash, file_sha256,
