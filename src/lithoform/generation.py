@@ -32,6 +32,10 @@ __all__ = ["generate", "generate_many"]
 _MAX_ROUNDS: Final = 60
 """Relaxation rounds before giving up; 10,000 random recipes of Table 7 needed far fewer (docs/validation.md)."""
 
+_FADING_ROUND: Final = 20
+"""Round from which all relief is faded towards the plain sphere as well, which `require_feasible` has tried: the last
+resort for coarse meshes that local relaxation does not mend."""
+
 
 def generate(recipe: Recipe, *, device: str = "auto") -> Particle:
     """One particle from its recipe.
@@ -193,6 +197,9 @@ def _finish(recipe: Recipe, base: Mesh, radius: np.ndarray) -> Particle:
         log_radius = np.log(radius)
         mean = base.connectivity.neighbour_mean @ log_radius
         radius = np.where(region, np.exp(0.5 * (log_radius + mean)), radius)
+        if round_ >= _FADING_ROUND:
+            relaxed[:] = True
+            radius = recipe.base_radius * (radius / recipe.base_radius) ** 0.7
 
 
 @dataclass(frozen=True)
