@@ -12,6 +12,7 @@ from lithoform import (
     OutputError,
     Recipe,
     UnsoundMeshError,
+    check,
     generate,
     generation,
     read_mesh,
@@ -68,6 +69,13 @@ def test_what_was_relaxed_is_reported():
     assert stone.relaxation_rounds > 0
     assert 0 < stone.provenance["relaxed_vertices"] < len(stone.mesh.vertices)
     assert generate(Recipe(triangles=800, flatten=False), device="cpu").provenance["flatten_band"] is None
+
+
+def test_the_last_resort_fades_all_relief_and_says_so(monkeypatch):
+    monkeypatch.setattr(generation, "_FADING_ROUND", 0)
+    stone = generate(TANGLED, device="cpu")
+    assert check(stone.mesh).sound
+    assert stone.relaxed_vertices == len(stone.mesh.vertices)
 
 
 def test_an_unsound_mesh_is_never_handed_out(monkeypatch):
