@@ -169,3 +169,9 @@ def test_importing_the_package_loads_nothing_heavy() -> None:
     code = f"import sys, lithoform; print(*sorted(set({HEAVY}) & set(sys.modules)))"
     loaded = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout
     assert loaded.split() == []
+
+
+def test_the_documentation_has_no_gaps_left() -> None:
+    pages = [*(ROOT / "docs").glob("*.md"), ROOT / "README.md", ROOT / "CHANGELOG.md"]
+    gaps = [page.name for page in pages if re.search(r"PLACEHOLDER|TODO|FIXME", page.read_text(encoding="utf-8"))]
+    assert not gaps
