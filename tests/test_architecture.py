@@ -173,5 +173,6 @@ def test_importing_the_package_loads_nothing_heavy() -> None:
 
 def test_the_documentation_has_no_gaps_left() -> None:
     pages = [*(ROOT / "docs").glob("*.md"), ROOT / "README.md", ROOT / "CHANGELOG.md"]
-    marks = re.compile("PLACEHOLDER|TODO|FIXME")  # apart, so that this line is none
+    # Written apart, so that this file has none of them.
+    marks = re.compile("|".join(a + b for a, b in (("PLACE", "HOLDER"), ("TO", "DO"), ("FIX", "ME"))))
     assert not [page.name for page in pages if marks.search(page.read_text(encoding="utf-8"))]
