@@ -1,4 +1,4 @@
-"""The numbers of docs/validation.md that are not pass or fail: the database setting and the drift with resolution.
+"""The numbers of docs/validation.md that are not pass or fail, but for those of benchmarks/soundness.py.
 
 python benchmarks/validation.py [--per-class 40] [--stones 24]
 """
@@ -6,13 +6,31 @@ python benchmarks/validation.py [--per-class 40] [--stones 24]
 from __future__ import annotations
 
 import argparse
+import sys
+from pathlib import Path
 
 import numpy as np
 from rich.console import Console
 from rich.table import Table
 from scipy.spatial import ConvexHull
 
-from lithoform import Particle, Recipe, database_recipe, generate_many, particle_seed, principal_frame
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
+
+import oracles
+import test_conditioning
+import test_noise
+
+from lithoform import (
+    Particle,
+    Recipe,
+    database_recipe,
+    generate_many,
+    particle_seed,
+    principal_frame,
+    smooth,
+    sphere,
+)
+from lithoform.noise import gradient_noise
 from lithoform.presets import SHAPE_CLASSES
 
 # The paper's means over 600 generated stones (section 5); by class it gives true sphericity alone.
@@ -67,6 +85,37 @@ def resolution(stones: int, console: Console) -> None:
     console.print(table)
 
 
+def ridges(stones: int, console: Console) -> None:
+    """Mean solidity, before the twist, of eq. 7 re-centred and as printed."""
+    ball = sphere("octahedral", 50)
+    for recentred in (True, False):
+        values = []
+        for n in range(stones):
+            recipe = database_recipe(SHAPE_CLASSES[n % 4], seed=particle_seed(2026, n))
+            noise = oracles.noise(recipe, ball.vertices, ball.vertices, recentred=recentred)
+            radius = recipe.base_radius * (1.0 + recipe.perturbation * noise)
+            values.append(oracles.solidity(radius[:, None] * ball.vertices, ball.faces))
+        name = "re-centred" if recentred else "as printed"
+        console.print(f"ridges {name}: solidity {np.mean(values):.4f} +- {np.std(values) / len(values) ** 0.5:.4f}")
+
+
+def noise_and_smoothing(console: Console) -> None:
+    """Jumps across cell faces, slopes of the spectrum, volumes kept by smoothing; the measures are the tests'."""
+    across = [test_noise.jumps(lambda p: gradient_noise(p, 5)[:, 0], axis) for axis in range(3)]
+    console.print(
+        "jumps of P, value and derivatives 1 to 3:", [f"{max(column):.0e}" for column in zip(*across, strict=True)]
+    )
+    for lacunarity, gain in ((2.0, 0.5), (1.5, 0.7), (1.5, 0.5), (2.0, 0.8)):
+        theory = 2 * np.log(gain) / np.log(lacunarity) - 1
+        console.print(
+            f"slope at {lacunarity}, {gain}: {test_noise.measured_slope(lacunarity, gain):.3f}, theory {theory:.3f}"
+        )
+    stone = test_conditioning.stone()
+    for method in ("laplacian", "taubin"):
+        kept = smooth(stone, iterations=50, method=method).volume / stone.volume
+        console.print(f"volume kept by 50 {method} steps: {kept:.3f}")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--per-class", type=int, default=40)
@@ -75,6 +124,8 @@ def main() -> None:
     console = Console(width=110)
     database(options.per_class, console)
     resolution(options.stones, console)
+    ridges(options.per_class, console)
+    noise_and_smoothing(console)
 
 
 if __name__ == "__main__":
