@@ -10,10 +10,8 @@ from __future__ import annotations
 import argparse
 import os
 import resource
-import statistics
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -24,33 +22,15 @@ from rich.table import Table
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
 
 import oracles
+from timing import medians, one_core
 
 from lithoform import Recipe, check, generate, generate_many, sphere
 from lithoform.radius import field, radii
 from lithoform.warp_runtime import default_threads, wp
 
 
-def seconds(function: Callable[[], object]) -> float:
-    started = time.perf_counter()
-    function()
-    return time.perf_counter() - started
-
-
-def medians(functions: dict[str, Callable[[], object]], rounds: int) -> dict[str, float]:
-    """Median seconds of each function, called in turns so that all meet the same weather."""
-    for function in functions.values():
-        function()
-    times: dict[str, list[float]] = {name: [] for name in functions}
-    for _ in range(rounds):
-        for name, function in functions.items():
-            times[name].append(seconds(function))
-    return {name: statistics.median(values) for name, values in times.items()}
-
-
 def single_core(rounds: int) -> dict[str, float]:
-    cores = os.sched_getaffinity(0)
-    os.sched_setaffinity(0, {min(cores)})
-    try:
+    with one_core():
         directions = sphere("octahedral", 50).vertices
         recipes = [Recipe(seed=seed) for seed in range(rounds)]
         counter = iter(range(10**9))
@@ -64,8 +44,6 @@ def single_core(rounds: int) -> dict[str, float]:
         }
         slow = {"noise field, vectorised NumPy": lambda: oracles.radius(pick(), directions, directions)}
         return medians(functions, rounds) | medians(slow | {"again: Warp": functions["noise field, Warp float64"]}, 5)
-    finally:
-        os.sched_setaffinity(0, cores)
 
 
 def streaming(count: int, rounds: int) -> dict[int, float]:

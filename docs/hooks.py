@@ -1,12 +1,14 @@
-"""Fill the recipe reference from `lithoform.PARAMETERS`, so that its ranges are those of the code.
+"""Fill the references from the tables of the code: `lithoform.PARAMETERS` and `lithoform.DESCRIPTORS`.
 
-A line `<!-- parameters -->` becomes the table of all of them, `<!-- parameter: NAME -->` the facts of one.
+A line `<!-- parameters -->` becomes the table of all parameters, `<!-- parameter: NAME -->` the facts of one, and
+`<!-- descriptors -->` the table of all measures.
 """
 
+import math
 import re
 from typing import Any
 
-from lithoform import PARAMETERS, Recipe
+from lithoform import DESCRIPTORS, PARAMETERS, Recipe
 from lithoform.parameters import Parameter
 
 _COLUMNS = ("Symbol", "Name", "Unit", "Range", "Benchmark", "Equation")
@@ -16,7 +18,23 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
     """Called by MkDocs for every page, with its source."""
     table = [_row(_COLUMNS), _row(["---"] * len(_COLUMNS)), *(_row(_facts(p)) for p in PARAMETERS)]
     markdown = markdown.replace("<!-- parameters -->", "\n".join(table))
+    markdown = markdown.replace("<!-- descriptors -->", "\n".join(_descriptors()))
     return re.sub(r"<!-- parameter: (\w+) -->", _one, markdown)
+
+
+def _descriptors() -> list[str]:
+    columns = ("Name", "Symbol", "Definition", "Unit", "Range", "Depends on", "Set", "Source")
+    out = [_row(columns), _row(["---"] * len(columns))]
+    for d in DESCRIPTORS.values():
+        unit = {0: "", 1: "m"}.get(d.power, f"m^{d.power}^")
+        limits = (
+            "" if d.name == "zingg_class" else f"above {d.low:g}" if d.high == math.inf else f"{d.low:g} to {d.high:g}"
+        )
+        kind = "standard" if d.is_standard else "on request"
+        symbol = f"`{d.symbol}`" if d.symbol else ""
+        cells = (f"`{d.name}`", symbol, d.definition, unit, limits, ", ".join(d.conventions), kind, d.citation)
+        out.append(_row(cells))
+    return out
 
 
 def _one(match: re.Match[str]) -> str:

@@ -9,9 +9,9 @@ import matplotlib.image as mpimg
 import numpy as np
 
 from lithoform import database_recipe, generate_many, particle_seed
-from lithoform.figures import gallery, png_bytes
+from lithoform.figures.gallery import gallery, png_bytes
 from lithoform.presets import SHAPE_CLASSES
-from lithoform.reproduce import parameter_plates
+from lithoform.reproduce.plates import parameter_plates
 
 IMAGES = Path(__file__).resolve().parent.parent / "docs" / "images"
 

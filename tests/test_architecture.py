@@ -17,7 +17,7 @@ ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "src" / "lithoform"
 MODULES = sorted(PACKAGE.rglob("*.py"))
 MAX_LINES = 500
-HEAVY = "cyclopts matplotlib pyarrow pyvista rich scipy shapely trimesh vtk vtkmodules warp".split()
+HEAVY = "cyclopts fast_simplification matplotlib pyarrow pyvista rich scipy shapely trimesh vtk vtkmodules warp".split()
 
 # Who may import whom inside the package. A name is a module or a folder; within a folder all is allowed.
 FOUNDATION = {"errors", "parameters", "presets", "seeds"}
@@ -50,6 +50,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "flattening",
         "mesh",
         "noise",
+        "parallel",
         "particle",
         "progress",
         "radius",
@@ -58,8 +59,12 @@ MAY_IMPORT: dict[str, set[str]] = {
         "warp_runtime",
     },
     # measure
-    "descriptors": {"errors", "mesh"},
-    "lab": {"errors", "mesh"},
+    "parallel": {"warp_runtime"},
+    "descriptors": FOUNDATION
+    | {"conditioning", "face_integrals", "mesh", "parallel", "progress", "topology", "warp_runtime"},
+    "lab": {"descriptors", "errors", "mesh"},
+    "scans": {"errors", "mesh", "mesh_io", "soundness", "topology", "warp_runtime"},
+    "simplification": {"errors", "mesh", "soundness"},
     "atomic": {"errors"},
     "mesh_io": {"atomic", "errors", "mesh", "parameters"},
     "sidecar": {"atomic", "errors", "mesh", "mesh_io"},
@@ -79,9 +84,26 @@ MAY_IMPORT: dict[str, set[str]] = {
     "export": {"dem", "errors", "mesh"},
     # results in, pictures and pages out; nothing is computed anew
     "rendering": {"errors", "mesh"},
-    "figures": {"atomic", "errors", "mesh", "parameters", "rendering"},
+    "figures": FOUNDATION | {"atomic", "descriptors", "mesh", "rendering", "topology"},
+    "survey": {"descriptors", "errors", "mesh_io", "parallel", "scans"},
+    "portrait": {"descriptors", "errors", "figures", "parameters"},
     "run_report": {"figures", "mesh_io", "planning", "production", "sidecar"},
-    "reproduce": FOUNDATION | {"feasibility", "figures", "generation", "mesh", "particle", "rendering", "warp_runtime"},
+    "reproduce": FOUNDATION
+    | {
+        "atomic",
+        "descriptors",
+        "feasibility",
+        "figures",
+        "generation",
+        "mesh",
+        "parallel",
+        "particle",
+        "portrait",
+        "progress",
+        "rendering",
+        "simplification",
+        "warp_runtime",
+    },
     "report": {"errors", "figures", "mesh", "parameters"},
 }
 # On top: these may import everything below them, `__init__` so as to hand it on.

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from lithoform.conditioning import fit_to_box, principal_frame, smooth, twist
+    from lithoform.descriptors.measuring import Measurement, measure, measure_many
+    from lithoform.descriptors.table import DESCRIPTORS
     from lithoform.errors import (
         DeviceError,
         FileFormatError,
@@ -29,6 +31,8 @@ if TYPE_CHECKING:
     from lithoform.presets import benchmark_recipe, database_recipe, particle_seed
     from lithoform.radius import radii
     from lithoform.recipe_io import read_recipe, to_toml
+    from lithoform.scans.reading import Scan, read_scan, read_scans
+    from lithoform.simplification import simplify
     from lithoform.soundness import SoundnessReport, check
     from lithoform.topology import sphere
 
@@ -36,6 +40,8 @@ __version__ = "0.1.0"
 
 _HOME = {
     "conditioning": ("fit_to_box", "principal_frame", "smooth", "twist"),
+    "descriptors.measuring": ("Measurement", "measure", "measure_many"),
+    "descriptors.table": ("DESCRIPTORS",),
     "errors": (
         "DeviceError",
         "FileFormatError",
@@ -54,23 +60,28 @@ _HOME = {
     "presets": ("benchmark_recipe", "database_recipe", "particle_seed"),
     "radius": ("radii",),
     "recipe_io": ("read_recipe", "to_toml"),
+    "scans.reading": ("Scan", "read_scan", "read_scans"),
+    "simplification": ("simplify",),
     "soundness": ("SoundnessReport", "check"),
     "topology": ("sphere",),
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 
 __all__ = [
+    "DESCRIPTORS",
     "PARAMETERS",
     "DeviceError",
     "FileFormatError",
     "LithoformError",
     "MassProperties",
+    "Measurement",
     "Mesh",
     "MeshError",
     "OutputError",
     "Particle",
     "Recipe",
     "RecipeError",
+    "Scan",
     "SoundnessReport",
     "UnsoundMeshError",
     "benchmark_recipe",
@@ -80,11 +91,16 @@ __all__ = [
     "flatten",
     "generate",
     "generate_many",
+    "measure",
+    "measure_many",
     "particle_seed",
     "principal_frame",
     "radii",
     "read_mesh",
     "read_recipe",
+    "read_scan",
+    "read_scans",
+    "simplify",
     "smooth",
     "sphere",
     "to_toml",

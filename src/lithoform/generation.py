@@ -5,9 +5,7 @@ parameters -> radius -> mesh -> twist -> smooth -> fit to box -> flatten -> chec
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence, Sized
-from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import groupby, islice
 from typing import Any, Final
@@ -19,6 +17,7 @@ from lithoform.errors import MeshError, UnsoundMeshError
 from lithoform.feasibility import require_feasible
 from lithoform.flattening import flatten
 from lithoform.mesh import Mesh
+from lithoform.parallel import in_order
 from lithoform.parameters import Recipe, resolve_topology
 from lithoform.particle import Particle
 from lithoform.progress import track
@@ -123,23 +122,13 @@ def generate_many(
 def _stream(
     batches: Iterator[tuple[int, list[Recipe]]], device: str, workers: int, each: Callable[[int, Particle], Any] | None
 ) -> Iterator[Any]:
-    def work(start: int, batch: list[Recipe]) -> list[Any]:
+    def work(numbered: tuple[int, list[Recipe]]) -> list[Any]:
+        start, batch = numbered
         particles = _generate_batch(batch, device)
         return particles if each is None else [each(start + i, particle) for i, particle in enumerate(particles)]
 
-    pending: deque[Future[list[Any]]] = deque()
-    executor = ThreadPoolExecutor(workers, thread_name_prefix="lithoform")
-    try:
-        # Two batches a worker in flight: no worker waits, and memory does not grow with the count.
-        for start, batch in islice(batches, 2 * workers):
-            pending.append(executor.submit(work, start, batch))
-        while pending:
-            results = pending.popleft().result()
-            for start, batch in islice(batches, 1):
-                pending.append(executor.submit(work, start, batch))
-            yield from results
-    finally:
-        executor.shutdown(wait=True, cancel_futures=True)
+    for results in in_order(work, batches, threads=workers):
+        yield from results
 
 
 def _batches(recipes: Iterable[Recipe], size: int) -> Iterator[tuple[int, list[Recipe]]]:

@@ -27,7 +27,7 @@ from lithoform.parameters import suggest
 
 __all__ = [
     "FORMATS", "UNITS", "MeshFormat", "encode_mesh", "file_unit", "format_of", "known_key", "read_bytes", "read_mesh",
-    "stored_vertices", "write_mesh",
+    "read_scene", "stored_vertices", "write_mesh",
 ]  # fmt: skip
 
 _Path = str | os.PathLike[str]
@@ -239,7 +239,7 @@ def read_mesh(path: _Path, *, unit: str = "mm") -> Mesh:
         raise FileFormatError(f"{path}: its name says {name}, but its content is {found}; rename it.")
     try:
         if name in ("glb", "3mf"):
-            vertices, faces, per_metre = _read_scene(data, name)
+            vertices, faces, per_metre = read_scene(data, name)
         else:
             vertices, faces = {"stl": _read_stl, "ply": _read_ply, "obj": _read_obj}[name](data)
         if len(faces) == 0:
@@ -321,13 +321,20 @@ def _read_obj(data: bytes) -> tuple[np.ndarray, np.ndarray]:
     return np.array(vertices), np.array(faces)
 
 
-def _read_scene(data: bytes, name: str) -> tuple[np.ndarray, np.ndarray, float]:
+def read_scene(data: bytes, name: str, resolver: Any = None) -> tuple[np.ndarray, np.ndarray, float]:
+    """Vertices, faces and units per metre of a glb, gltf or 3mf scene, its bodies placed as it says and joined.
+
+    The resolver is trimesh's, for the files that a gltf refers to.  A `FileFormatError` tells of parts that are no
+    plain triangles, of a glb cut short and of unknown units; other broken content raises what the reader meets.
+    """
     import trimesh
 
-    if name == "glb":
-        _check_glb(data)
+    if name != "3mf":
+        _check_gltf(_gltf_header(data) if name == "glb" else json.loads(data))
     # postprocess would rename bodies, and textures are not wanted.
-    options: dict[str, Any] = {"skip_materials": True} if name == "glb" else {"postprocess": False}
+    options: dict[str, Any] = {"postprocess": False} if name == "3mf" else {"skip_materials": True}
+    if resolver is not None:
+        options["resolver"] = resolver
     scene = trimesh.load_scene(io.BytesIO(data), file_type=name, process=False, **options)
     unit = scene.metadata["units"] if name == "3mf" else "meter"
     if unit not in _PER_METRE_3MF:
@@ -344,12 +351,16 @@ def _read_scene(data: bytes, name: str) -> tuple[np.ndarray, np.ndarray, float]:
     return np.concatenate(vertices), np.concatenate(faces), _PER_METRE_3MF[unit]
 
 
-def _check_glb(data: bytes) -> None:
-    """Refuse what trimesh would read as less than it is: parts that it skips or fills with zeros."""
+def _gltf_header(data: bytes) -> dict[str, Any]:
+    """The JSON part of a glb, after a check of its length."""
     length, size = struct.unpack("<8xII", data[:16])
     if length != len(data):
         raise FileFormatError(f"it has {len(data)} bytes, not the {length} it promises; it is truncated.")
-    header = json.loads(data[20 : 20 + size])
+    return json.loads(data[20 : 20 + size])
+
+
+def _check_gltf(header: dict[str, Any]) -> None:
+    """Refuse what trimesh would read as less than it is: parts that it skips or fills with zeros."""
     modes = {part.get("mode", 4) for mesh in header.get("meshes", []) for part in mesh["primitives"]}
     sparse = any("sparse" in accessor for accessor in header.get("accessors", []))
     if header.get("extensionsRequired") or sparse or modes - {4}:

@@ -135,7 +135,7 @@ class Particle:
     def _repr_png_(self) -> bytes | None:
         """Picture for notebooks, where the extra ``pictures`` is installed."""
         from lithoform.errors import LithoformError
-        from lithoform.figures import png_bytes
+        from lithoform.figures.gallery import png_bytes
         from lithoform.rendering import render
 
         try:

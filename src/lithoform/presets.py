@@ -11,6 +11,7 @@ from lithoform.seeds import Role, derive, uniform
 __all__ = [
     "PRESETS",
     "SHAPE_CLASSES",
+    "ZINGG_LIMIT",
     "benchmark_recipe",
     "database_recipe",
     "draw_size",
@@ -23,7 +24,8 @@ PRESETS: Final = ("benchmark", "database")
 SHAPE_CLASSES: Final = ("cube", "plate", "column", "blade")
 """Zingg's classes at 2/3, in the paper's order; "mixed" takes them in turn."""
 
-_LIMIT: Final = 2.0 / 3.0
+ZINGG_LIMIT: Final = 2.0 / 3.0
+"""Elongation and flatness below it are marked (Zingg 1935)."""
 _LOW: Final = 1.0 / 3.0
 
 DATABASE_LENGTH: Final = 0.020
@@ -77,7 +79,7 @@ def shape_class_of(size: tuple[float, float, float]) -> str:
     """Zingg class of dimensions L >= W >= H: cube, plate, column or blade, divided at 2/3."""
     length, width, height = size
     return {(False, False): "cube", (False, True): "plate", (True, False): "column", (True, True): "blade"}[
-        width < _LIMIT * length, height < _LIMIT * width
+        width < ZINGG_LIMIT * length, height < ZINGG_LIMIT * width
     ]
 
 
@@ -110,8 +112,8 @@ def draw_size(shape_class: str, seed: int, *, length: float = DATABASE_LENGTH) -
     if shape_class not in SHAPE_CLASSES:
         raise RecipeError(f"expected a class of {', '.join(SHAPE_CLASSES)}; got {shape_class!r}."
                           f"{suggest(shape_class, SHAPE_CLASSES)}")  # fmt: skip
-    low_elongation = _LOW if shape_class in ("column", "blade") else _LIMIT
-    low_flatness = _LOW if shape_class in ("plate", "blade") else _LIMIT
+    low_elongation = _LOW if shape_class in ("column", "blade") else ZINGG_LIMIT
+    low_flatness = _LOW if shape_class in ("plate", "blade") else ZINGG_LIMIT
     elongation = low_elongation + _LOW * uniform(seed, Role.DIMENSIONS, 0)
     flatness = low_flatness + _LOW * uniform(seed, Role.DIMENSIONS, 1)
     return length, length * elongation, length * elongation * flatness

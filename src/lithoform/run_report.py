@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import Final
 
-from lithoform.figures import gallery
+from lithoform.figures.gallery import gallery
 from lithoform.mesh_io import UNITS, file_unit, read_mesh
 from lithoform.planning import Plan
 from lithoform.production import PICTURE_FILE, TABLE_FILE

@@ -15,6 +15,7 @@ from cyclopts import App, CycloptsError
 from lithoform import __version__
 from lithoform.cli.checking import check
 from lithoform.cli.generating import generate
+from lithoform.cli.measuring import measure, picture
 from lithoform.cli.output import drop_output, one_line, open_output, say
 from lithoform.cli.reproducing import reproduce
 from lithoform.errors import LithoformError, RecipeError
@@ -23,13 +24,13 @@ __all__ = ["app", "main"]
 
 app = App(
     name="lithoform",
-    help="""Simulation-ready virtual rock particles: generate, check and picture them.
+    help="""Simulation-ready virtual rock particles: generate, check, measure and picture them.
 
 **Example:** `lithoform generate stones --count 12 --picture`""",
     version=__version__,
     help_format="markdown",
 )
-for _command in (generate, check, reproduce):
+for _command in (generate, check, measure, picture, reproduce):
     app.command(_command)
 
 

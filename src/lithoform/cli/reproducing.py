@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
 
 from lithoform.cli.arguments import Flag, Json, Whole
 from lithoform.cli.output import say
@@ -11,30 +14,33 @@ from lithoform.errors import RecipeError
 
 
 def reproduce(
-    what: str,
+    what: str | None = None,
     /,
     *,
+    list_: Annotated[bool, Parameter(name="--list", negative="")] = False,
     out: Path = Path("figures"),
     seed: Whole | None = None,
-    triangles: Whole = 20_000,
+    triangles: Whole | None = None,
     device: str = "auto",
     json_: Json = False,
     debug: Flag = False,
 ) -> int:
-    """Draw a figure of the paper: fig2, the gallery of one-parameter variations at one seed and one view.
+    """Make a figure of the paper anew: --list names them.
 
-    **Example:** `lithoform reproduce fig2 --out figures`
+    **Example:** `lithoform reproduce fig4 --out figures`
 
     Parameters
     ----------
     what
-        fig2.
+        Name of the figure, such as fig2.
+    list_
+        List the figures that can be made.
     out
-        Folder for the picture.
+        Folder for the files.
     seed
-        Seed of the stone [default: the one of the documentation].
+        Seed of the stones [default: the one of the documentation].
     triangles
-        Number of triangles of each stone.
+        Number of triangles of each stone (of the finest, for fig4) [default: the paper's].
     device
         auto, cpu or cuda.
     json_
@@ -42,10 +48,16 @@ def reproduce(
     debug
         Show the traceback of an error.
     """
-    from lithoform import reproduce as figures
+    from lithoform.reproduce import FIGURES
 
-    if what not in figures.FIGURES:
-        raise RecipeError(f"expected one of {', '.join(figures.FIGURES)}; got {what!r}.")
-    path = figures.FIGURES[what](out, seed=seed, triangles=triangles, device=device)
-    say(json.dumps({"figure": what, "file": str(path)}) if json_ else f"{what}: {path}")
+    if list_:
+        rows = [{"figure": row.name, "meaning": row.meaning} for row in FIGURES.values()]
+        say(json.dumps(rows, indent=2) if json_ else "\n".join(f"{r['figure']:6}  {r['meaning']}" for r in rows))
+        return 0
+    if what is None or what not in FIGURES:
+        got = "nothing" if what is None else repr(what)
+        raise RecipeError(f"expected one of {', '.join(FIGURES)}; got {got}.")
+    options = {"seed": seed, "device": device} | ({} if triangles is None else {"triangles": triangles})
+    files = [str(path) for path in FIGURES[what].make(out, **options)]
+    say(json.dumps({"figure": what, "file": files[0], "files": files}) if json_ else f"{what}: {', '.join(files)}")
     return 0

@@ -1,24 +1,24 @@
 """The paper's figures from their recipes, and the same pictures for the documentation.
 
-Every stone is made anew by `lithoform.generation`; `lithoform.figures` draws it.
+Every stone is made anew by `lithoform.generation`; `lithoform.figures.gallery` draws it.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 
 from lithoform.errors import LithoformError, OutputError
-from lithoform.figures import Variation
-from lithoform.figures import figure_2 as draw_plate
+from lithoform.figures.gallery import Variation
+from lithoform.figures.gallery import figure_2 as draw_plate
 from lithoform.parameters import Recipe, find_parameter
 from lithoform.rendering import VIEW, require_pictures
 
-__all__ = ["FIGURES", "FIGURE_2_VARIATIONS", "PARAMETER_PLATES", "SEED", "Sweep", "figure_2", "parameter_plates"]
+__all__ = ["FIGURE_2_VARIATIONS", "PARAMETER_PLATES", "SEED", "Sweep", "figure_2", "parameter_plates"]
 
 SEED: Final = 25
 """Seed of the pictured stone: of seeds 0 to 47 one with clear faces, ledges and notches."""
@@ -178,10 +178,6 @@ def figure_2(
     _make_folder(path.parent)
     rows = list(_variations(FIGURE_2_VARIATIONS, benchmark, device, threads))
     return draw_plate(rows, path)
-
-
-FIGURES: Final[dict[str, Callable[..., Path]]] = {"fig2": figure_2}
-"""Figures of the paper by the name that the command line takes."""
 
 
 def parameter_plates(

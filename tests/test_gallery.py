@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from wavy import is_drawn, stone
 
-from lithoform import reproduce
 from lithoform.errors import LithoformError, OutputError
-from lithoform.figures import Variation, figure_2, gallery, png_bytes
+from lithoform.figures.gallery import Variation, figure_2, gallery, png_bytes
 from lithoform.parameters import PARAMETERS, Recipe
+from lithoform.reproduce import plates as reproduce
 from lithoform.topology import sphere
 
 

@@ -1,0 +1,1 @@
+"""Figures: results come in, pixels go out, and nothing is computed anew."""

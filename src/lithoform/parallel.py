@@ -1,0 +1,63 @@
+"""Work over threads in the order of the items, in bounded memory.
+
+Threads, not processes: the kernels, Qhull and the file system release the interpreter's lock, and meshes need not be
+copied.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from itertools import islice
+from typing import TypeVar
+
+from lithoform.warp_runtime import default_threads
+
+__all__ = ["in_order"]
+
+_Item = TypeVar("_Item")
+_Result = TypeVar("_Result")
+
+
+def in_order(
+    work: Callable[[_Item], _Result], items: Iterable[_Item], *, threads: int | None = None
+) -> Iterator[_Result]:
+    """Results of a function over items, computed by threads, yielded in the order of the items.
+
+    Parameters
+    ----------
+    work : callable
+        Called once an item, in a worker thread.
+    items : iterable
+        Any number; consumed two a thread ahead of the results, so that no thread waits and memory does not grow.
+    threads : int, optional
+        Default: the processors that this process may use.
+
+    Yields
+    ------
+    object
+        What `work` returns; what it raises is raised in its place, and the rest is cancelled.
+
+    Raises
+    ------
+    ValueError
+        If threads is not positive.
+    """
+    count = default_threads() if threads is None else threads
+    if count < 1:
+        raise ValueError(f"expected at least one thread, got {threads}.")
+    return _stream(work, iter(items), count)
+
+
+def _stream(work: Callable[[_Item], _Result], items: Iterator[_Item], threads: int) -> Iterator[_Result]:
+    pending: deque[Future[_Result]] = deque()
+    executor = ThreadPoolExecutor(threads, thread_name_prefix="lithoform")
+    try:
+        pending.extend(executor.submit(work, item) for item in islice(items, 2 * threads))
+        while pending:
+            result = pending.popleft().result()
+            pending.extend(executor.submit(work, item) for item in islice(items, 1))
+            yield result
+    finally:
+        executor.shutdown(wait=True, cancel_futures=True)

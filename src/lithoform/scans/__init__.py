@@ -1,0 +1,1 @@
+"""Stones from elsewhere: scans and spherical harmonics read, repaired, and told what was repaired."""
