@@ -131,14 +131,13 @@ def database(per_class: int, console: Console) -> None:
 
 def florida(folder: Path, console: Console) -> None:
     table = read_geometry_table(next(folder.glob("*-geom.dat")))
-    names = (*FOUR, "volume", "surface_area", "caliper_length", "caliper_width", "caliper_thickness", "chord_width", "chord_thickness", "elongation",
-             "flatness", "zingg_class", "minimum_width", "sieve_size")  # fmt: skip
-    files = find_scans(folder)
-    found = list(in_order(lambda path: measure(read_scan(path).mesh, names).scaled(1000.0), files))
-    console.print(f"fdot57: {len(files)} particles")
     keys = {"volume": "volume", "surface_area": "surf_area", "caliper_length": "length(mm)",
             "caliper_width": "width(mm)", "caliper_thickness": "thick(mm)",
             "chord_width": "width(mm)", "chord_thickness": "thick(mm)"}  # fmt: skip
+    names = (*FOUR, *keys, "zingg_class")
+    files = find_scans(folder)
+    found = list(in_order(lambda path: measure(read_scan(path).mesh, names).scaled(1000.0), files))
+    console.print(f"fdot57: {len(files)} particles")
     for ours, theirs in keys.items():
         change = np.array([row[ours] / table[path.name][theirs] - 1 for path, row in zip(files, found, strict=True)])
         worst = int(np.argmax(np.abs(change)))

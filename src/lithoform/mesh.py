@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from lithoform.errors import MeshError
+from lithoform.lazy import cached_property
 
 __all__ = ["Connectivity", "MassProperties", "Mesh"]
 

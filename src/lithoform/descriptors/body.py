@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
 from lithoform.errors import MeshError
+from lithoform.lazy import cached_property
 from lithoform.mesh import MassProperties, Mesh
 
 if TYPE_CHECKING:

@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Final
 
 import numpy as np
 
 from lithoform.errors import MeshError
+from lithoform.lazy import cached_property
 from lithoform.mesh import Mesh
 
 __all__ = ["Hull", "convex_hull"]

@@ -8,13 +8,13 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 
 from lithoform.errors import LithoformError, OutputError
 from lithoform.figures.gallery import Variation
 from lithoform.figures.gallery import figure_2 as draw_plate
+from lithoform.lazy import cached_property
 from lithoform.parameters import Recipe, find_parameter
 from lithoform.rendering import VIEW, require_pictures
 
