@@ -76,6 +76,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     | {"atomic", "generation", "locking", "mesh_io", "particle", "planning", "progress", "sidecar"},
     # populations
     "database": FOUNDATION | MEASURES | {"generation", "mesh", "particle", "recipe_io"},
+    "gradation": {"errors", "parameters", "seeds"},
     "statistics": {"errors"},
     "sensitivity": FOUNDATION | {"descriptors", "generation", "particle", "statistics"},
     "inverse": FOUNDATION | {"descriptors", "generation", "particle", "statistics"},
@@ -86,7 +87,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     # results in, pictures and pages out; nothing is computed anew
     "rendering": {"errors", "mesh"},
     "figures": FOUNDATION | {"atomic", "descriptors", "mesh", "rendering", "topology"},
-    "survey": {"descriptors", "errors", "mesh_io", "parallel", "scans"},
+    "survey": {"descriptors", "errors", "mesh_io", "parallel", "scans", "topology"},
     "portrait": {"descriptors", "errors", "figures", "parameters"},
     "run_report": {"figures", "mesh_io", "planning", "production", "sidecar"},
     "reproduce": FOUNDATION

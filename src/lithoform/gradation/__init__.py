@@ -1,0 +1,1 @@
+"""Gradations: sieve curves by name, and sizes of particles that meet them."""
