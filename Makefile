@@ -59,6 +59,7 @@ pytest: $(SETUP) ## run the tests
 
 bench: $(SETUP) ## run the benchmarks
 	@$(BIN)/python benchmarks/generation.py
+	@$(BIN)/python benchmarks/descriptors.py
 
 format: $(SETUP) ## rewrite the sources in the project's format
 	@$(BIN)/ruff check --fix .

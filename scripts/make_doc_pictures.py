@@ -1,6 +1,6 @@
-"""Draw the pictures of the documentation anew: docs/images/gallery.png and docs/images/parameters/*.png.
+"""Draw the pictures of the documentation anew: docs/images/*.png and docs/images/parameters/*.png.
 
-To be run when the noise, the conditioning or the drawing has changed.
+To be run when the noise, the conditioning, the measures or the drawing has changed.
 """
 
 from pathlib import Path
@@ -12,6 +12,7 @@ from lithoform import database_recipe, generate_many, particle_seed
 from lithoform.figures.gallery import gallery, png_bytes
 from lithoform.presets import SHAPE_CLASSES
 from lithoform.reproduce.plates import parameter_plates
+from lithoform.reproduce.shape import figure_3, figure_4
 
 IMAGES = Path(__file__).resolve().parent.parent / "docs" / "images"
 
@@ -24,9 +25,18 @@ def main() -> None:
     ]
     target = IMAGES / "gallery.png"
     gallery([particle.mesh for particle in generate_many(recipes)], captions, target)
-    pixels = np.rint(255 * mpimg.imread(target)[..., :3]).astype(np.uint8)
-    target.write_bytes(png_bytes(pixels, colours=128))
+    _make_small(target, colours=128)
     parameter_plates(IMAGES / "parameters")
+    for path in [*figure_3(IMAGES), *figure_4(IMAGES)]:
+        if path.suffix == ".png":
+            _make_small(path, colours=256)
+        else:
+            path.unlink()  # the table is written out on the page of validation
+
+
+def _make_small(path: Path, *, colours: int) -> None:
+    pixels = np.rint(255 * mpimg.imread(path)[..., :3]).astype(np.uint8)
+    path.write_bytes(png_bytes(pixels, colours=colours))
 
 
 if __name__ == "__main__":

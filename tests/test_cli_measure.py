@@ -5,13 +5,22 @@ from __future__ import annotations
 import csv
 import json
 import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
 
 import bodies
 import numpy as np
 import pytest
 
+from lithoform import survey as survey_module
 from lithoform import write_mesh
+from lithoform.cli import measuring
 from lithoform.descriptors.table import FOUR, STANDARD
+from lithoform.reproduce import shape as reproduce_shape
 
 
 @pytest.fixture
@@ -46,8 +55,9 @@ def test_the_table_on_the_screen_has_a_row_a_particle_and_the_units(run, files):
     status, out, err = run("measure", "stones")
     assert (status, err) == (0, "")
     head, ball, box = out.splitlines()[:3]
-    assert "volume [mm^3]" in head
+    assert "V [mm^3]" in head
     assert "roundness" in head
+    assert max(map(len, (head, ball, box))) <= 100
     assert ball.startswith("stones/ball.ply")
     assert "6000" in box
     assert "cube" in ball
@@ -101,13 +111,20 @@ def test_repairs_are_told(run, files):
         (["--unit", "furlong"], "unit"),
         (["--box", "largest"], "box"),
         (["--scale", "0"], "scale"),
+        (["--triangles", "7"], "8 to 8000000 triangles"),
+        (["--triangles", "-5"], "8 to 8000000 triangles"),
+        (["--csv", "no/such/folder.csv"], "its folder does not exist"),
+        (["--csv", "stones"], "a folder of that name"),
     ],
 )
-def test_wrong_requests_are_one_sentence(run, files, arguments, says):
-    status, out, err = run("measure", "stones/box.stl", *arguments)
-    assert status == 2
-    assert says in out + err
-    assert "Traceback" not in out + err
+def test_wrong_requests_are_one_sentence_before_any_file_is_read(run, files, monkeypatch, arguments, says):
+    read: list[Path] = []
+    monkeypatch.setattr(survey_module, "read_scan", lambda path, **_: read.append(path))
+    status, out, err = run("measure", "stones", *arguments)
+    assert (status, out, read) == (2, "", [])
+    assert says in err
+    assert err.count("\n") == 1
+    assert "Traceback" not in err
 
 
 def test_a_folder_without_scans_is_an_error(run, files):
@@ -142,3 +159,121 @@ def test_figures_of_the_paper_on_shape(run, files, drawing):
     status, _, err = run("reproduce")
     assert status == 2
     assert "fig2" in err
+
+
+def test_files_may_stand_after_options(run, files):
+    status, out, err = run("measure", "stones/ball.ply", "--unit", "MM", "--csv", "a.csv", "stones/box.stl")
+    assert (status, err) == (0, "")
+    assert [line.split()[0] for line in out.splitlines()[1:3]] == ["stones/ball.ply", "stones/box.stl"]
+    assert "[mm^3]" in out
+    assert run("check", "stones/ball.ply", "--json", "stones/box.stl")[0] == 0
+    status, _, err = run("measure", "--descriptors", "four", "stones")
+    assert status == 2
+    assert "after --descriptors" in err
+
+
+def test_names_of_any_kind_are_measured_or_told(run, files):
+    odd = "stones/a b é.stl", os.fsdecode(b"stones/\xff.stl")
+    for name in odd:
+        try:
+            (files / name).write_bytes((files / "stones" / "box.stl").read_bytes())
+        except OSError:
+            pytest.skip("this file system has no such names")
+    status, _, err = run("measure", *odd, "a" * 300 + ".stl", "--descriptors", "volume", "--csv", "out.csv")
+    assert status == 2
+    assert "file name too long" in err
+    assert "unexpected" not in err
+    with (files / "out.csv").open(encoding="utf-8") as file:
+        names = [row["file"] for row in csv.DictReader(file)]
+    assert names == ["stones/a b é.stl", "stones/\\udcff.stl", "a" * 300 + ".stl"]
+
+
+def test_an_unforeseen_fault_is_one_of_one_file(run, files, monkeypatch):
+    measured = survey_module.measure
+
+    def faulty(mesh, *arguments, **options):
+        if len(mesh.faces) < 100:
+            raise ZeroDivisionError("division by zero")
+        return measured(mesh, *arguments, **options)
+
+    monkeypatch.setattr(survey_module, "measure", faulty)
+    status, out, _ = run("measure", "stones", "--json", "--descriptors", "volume")
+    ball, box = json.loads(out)
+    assert status == 2
+    assert "volume" in ball
+    assert "unexpectedly (ZeroDivisionError: division by zero)" in box["error"]
+
+
+def test_a_note_of_many_files_is_told_once(run, files):
+    for i in range(3):
+        write_mesh(files / f"{i}.ply", bodies.ellipsoid((0.02, 0.01, 0.005), 800))
+    status, out, _ = run("measure", "0.ply", "1.ply", "2.ply")
+    assert status == 0
+    assert next(line for line in out.splitlines() if "coarse" in line).startswith("0.ply and 2 more: ")
+    assert out.count("coarse") == 1
+    status, out, _ = run("measure", "0.ply", "1.ply", "--json", "--descriptors", "roundness")
+    assert [len(row["notes"]) for row in json.loads(out)] == [1, 1]
+
+
+def test_long_names_are_cut_at_their_beginning_on_a_narrow_terminal(run, files, monkeypatch):
+    name = "stones/of a very long name that ends with 0815.stl"
+    (files / name).write_bytes((files / "stones" / "box.stl").read_bytes())
+    monkeypatch.setattr(measuring.sys.stdout, "isatty", lambda: True)
+    monkeypatch.setattr(measuring.shutil, "get_terminal_size", lambda _: os.terminal_size((100, 24)))
+    _, out, _ = run("measure", name)
+    assert max(map(len, out.splitlines()[:2])) == 100
+    assert out.splitlines()[1].startswith("...")
+    assert "0815.stl" in out.splitlines()[1]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals are POSIX's")
+def test_interrupted_it_says_so_and_leaves_no_file(files):
+    write_mesh(files / "fine.ply", bodies.sphere(80_000, radius=0.005))
+    names = [f"{i}.ply" for i in range(200)]
+    for name in names:
+        (files / name).hardlink_to(files / "fine.ply")
+    process = subprocess.Popen(
+        [sys.executable, "-m", "lithoform", "measure", *names, "--csv", "out.csv"],
+        cwd=files, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )  # fmt: skip
+    # It is at work once the file beside the target is there.
+    while process.poll() is None and not list(files.glob(".out.csv.*.partial")):
+        time.sleep(0.01)
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    # Where the signal meets the making of a dataclass, CPython ends by it though it was caught: 130 in a shell too.
+    assert process.returncode in (130, -signal.SIGINT)
+    assert out == ""
+    assert "interrupted" in err
+    assert "Traceback" not in err
+    assert not list(files.glob("*out.csv*")) + list(files.glob(".out.csv*"))
+
+
+def test_picture_refuses_what_it_cannot_write_before_it_measures(run, files, drawing, monkeypatch):
+    status, out, err = run("picture", "no such file.stl", "--out", "nowhere/box.png")
+    assert (status, out) == (2, "")
+    assert "nowhere/box.png" in err
+    write_mesh(files / "coarse.ply", bodies.ellipsoid((0.02, 0.01, 0.005), 800))
+    status, out, _ = run("picture", "coarse.ply", "--out", "a.png", "--show", "inscribed", "--json")
+    assert status == 0
+    assert "coarse" in json.loads(out)["notes"][0]
+
+
+@pytest.mark.parametrize("figure", ["fig3", "fig4"])
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["--seed", "-1"], "seed"),
+        (["--triangles", "7"], "triangles"),
+        (["--device", "abacus"], "device"),
+        (["--out", "figure.png"], "expected a folder"),
+    ],
+)
+def test_figures_that_cannot_be_made_leave_no_folder(run, files, drawing, monkeypatch, figure, arguments, says):
+    monkeypatch.setattr(reproduce_shape, "measure_many", lambda *_: pytest.fail("work was begun"))
+    before = sorted(files.iterdir())
+    status, out, err = run("reproduce", figure, *arguments)
+    assert (status, out) == (2, "")
+    assert says in err
+    assert sorted(files.iterdir()) == before

@@ -6,6 +6,7 @@ from functools import cache
 from itertools import pairwise
 from pathlib import Path
 
+import bodies
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -198,6 +199,22 @@ def test_a_database_stone_lies_between_smooth_and_rough():
     found = fractal_dimension(generate(database_recipe("cube", seed=1), device="cpu").mesh)
     assert found.resolved
     assert 2.0 <= found.value < 2.3
+
+
+def test_long_slivers_make_few_points():
+    # 800 faces, 60 times as long as the radius: cut by their length alone they made 3 million points.
+    mesh = bodies.prism(200, 1.0, 30.0)
+    areas = np.linalg.norm(mesh.area_vectors, axis=1)
+    points, _, weights = _weighed_points(mesh, areas, 0.5)
+    assert len(points) <= 50_000 + len(mesh.faces) + len(mesh.vertices)
+    assert weights.sum() == pytest.approx(areas.sum(), rel=1e-12)
+    assert fractal_dimension(mesh).value == 2.0
+
+
+def test_dimension_of_a_plate_thinner_than_the_windows_stays_within_3():
+    found = fractal_dimension(bodies.subdivided_box((1.0, 1.0, 0.001), 12))
+    assert found.hurst < 0.0
+    assert found.value == 3.0
 
 
 @pytest.mark.skipif(not SCANS.is_dir(), reason="no scanned stones beside this repository")

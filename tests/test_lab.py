@@ -178,3 +178,12 @@ def test_shares_by_mass_do_not_depend_on_the_unit_of_mass():
 def test_what_is_no_population_is_refused_in_one_sentence(call, message):
     with pytest.raises(MeshError, match=message):
         call()
+
+
+@pytest.mark.parametrize("ratio", [0.0, -1.0, math.nan, math.inf])
+def test_a_ratio_that_is_no_positive_number_is_refused(ratio):
+    # Compared with nan no particle is elongated, and the share came out as 0 without a word.
+    with pytest.raises(MeshError, match="ratios as positive numbers"):
+        flat_and_elongated([2.0], [1.0], [0.5], [1.0], ratios=[3.0, ratio])
+    with pytest.raises(MeshError, match="ratios as positive numbers"):
+        shape_index([2.0], [1.0], [1.0], limit=ratio)

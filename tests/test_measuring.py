@@ -88,6 +88,17 @@ def test_values_of_stones_are_in_their_ranges(stones):
         assert 2 * values["inscribed_radius"] <= values["minimum_width"] <= values["sieve_size"]
 
 
+def test_values_of_odd_bodies_are_in_their_ranges():
+    # A U, whose hull has the larger surface: 3 x 4 outside, walls of 1, 1.5 deep.
+    for mesh in (bodies.u_channel(), bodies.bowl(), bodies.tetrahedron(), bodies.subdivided_box((1, 1, 0.001), 8)):
+        values = measure(mesh, [name for name in DESCRIPTORS if name != "zingg_class"])
+        for name, value in values.items():
+            assert DESCRIPTORS[name].low <= value <= DESCRIPTORS[name].high + 1e-12, name
+    hull, surface = 2 * 12 + 14 * 1.5, 2 * 8 + 18 * 1.5
+    convexity = measure(bodies.u_channel(), "surface_convexity")["surface_convexity"]
+    assert convexity == pytest.approx(hull / surface, rel=1e-12)
+
+
 @settings(max_examples=8, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), exponent=st.integers(-20, 20))
 def test_every_measure_is_invariant_under_rotation_shift_and_scale(stones, seed, exponent):

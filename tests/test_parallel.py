@@ -52,7 +52,7 @@ def test_a_fault_is_raised_in_its_place_and_ends_the_work():
     assert list(results) == []
 
 
-@pytest.mark.parametrize("threads", [0, -1])
+@pytest.mark.parametrize("threads", [0, -1, 1.5, "2"])
 def test_no_threads_is_an_error_before_any_work(threads):
     with pytest.raises(ValueError, match="at least one thread"):
         in_order(lambda i: i, [1], threads=threads)

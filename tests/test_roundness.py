@@ -17,6 +17,7 @@ from lithoform import benchmark_recipe, database_recipe, generate
 from lithoform.descriptors.inscribed import inscribed_sphere
 from lithoform.descriptors.roundness import corner_weights, roundness
 from lithoform.descriptors.solids import Sphere
+from lithoform.descriptors.surfels import bin_surfels, surface_frame
 from lithoform.errors import MeshError
 from lithoform.mesh import Mesh
 
@@ -193,6 +194,55 @@ def test_sharp_edge_has_about_half_the_scale_as_its_radius():
     assert roundness(bodies.box()).value == pytest.approx(roundness(cube).value, rel=0.05)
     for solid in (bodies.prism(3, 1.0, 3.0), bodies.prism(5, 1.0, 2.2), bodies.octahedron(), bodies.tetrahedron()):
         assert 0.05 < roundness(solid).value < 0.2
+
+
+def quartered(mesh: Mesh, times: int) -> Mesh:
+    """The same body, each triangle cut into four, so many times."""
+    for _ in range(times):
+        n, sides = len(mesh.vertices), mesh.faces[:, [[0, 1], [1, 2], [2, 0]]]
+        edges, place = np.unique(np.sort(sides, axis=2).reshape(-1, 2), axis=0, return_inverse=True)
+        (a, b, c), (d, e, f) = mesh.faces.T, (n + place.reshape(-1, 3)).T
+        faces = np.concatenate([np.stack(t, axis=1) for t in ((a, d, f), (d, b, e), (f, e, c), (d, e, f))])
+        mesh = Mesh(np.concatenate([mesh.vertices, mesh.vertices[edges].mean(axis=1)]), faces)
+    return mesh
+
+
+def wedge(degrees: float) -> Mesh:
+    """An isosceles triangle with this angle between sides of 1, 2 thick."""
+    half = math.radians(0.5 * degrees)
+    x, y = math.cos(half), math.sin(half)
+    return bodies.extruded([(0, 0), (x, -y), (x, y)], [(0, 1, 2)], 2.0)
+
+
+@pytest.mark.parametrize("times", [0, 2, 4, 5])
+def test_edges_sharper_than_a_right_angle_are_corners_whatever_the_mesh(times):
+    # A tetrahedron has no others: where they are missed, it has no corner and a roundness of 1.
+    result = roundness(quartered(bodies.tetrahedron(), times))
+    assert result.corner_fraction > 1.5e-3
+    assert 0.05 < result.value < 0.13
+    for degrees in (15, 30, 45, 60, 75):
+        assert 0.05 < roundness(quartered(wedge(degrees), times)).value < 0.14
+
+
+def test_faces_as_long_as_whole_pieces_are_cut_as_often_as_was_counted():
+    # Sides of whole multiples of the longest piece: rounding in two frames may disagree by one piece, and the
+    # arrays that were sized by the count in one frame were once overrun in the other.
+    mesh = quartered(wedge(60), 4)
+    rng = np.random.default_rng(0)
+    for turned in (mesh, *(bodies.transformed(mesh, bodies.random_rotation(rng)) for _ in range(3))):
+        frame = surface_frame(turned)
+        for pieces in (1, 2, 3, 4, 6):
+            surfels = bin_surfels(turned, frame, 1.0 / (16 * 1.5 * pieces))
+            assert 0.9 * frame.area < surfels.areas.sum() <= frame.area * (1.0 + 1e-12)
+            assert np.isfinite(surfels.positions).all()
+
+
+def test_a_needle_of_slivers_takes_little_memory():
+    # 2000 sides a million times as long as wide: 3e8 pieces at the cell that its area alone would allow.
+    mesh = bodies.prism(2000, 1e-6, 1.0)
+    surfels = bin_surfels(mesh, surface_frame(mesh), 1e-7)
+    assert len(surfels.areas) < 2.1e6
+    assert surfels.areas.sum() == pytest.approx(2.0 * math.pi * 1e-6, rel=0.2)
 
 
 def test_value_is_the_weighted_mean_of_its_surfels():

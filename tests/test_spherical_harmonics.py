@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lithoform.errors import FileFormatError
+from lithoform.errors import FileFormatError, MeshError
 from lithoform.scans.spherical_harmonics import (
     evaluate_radius,
     is_coefficient_text,
@@ -162,6 +162,22 @@ def test_the_table_beside_a_file_tells_its_degree(tmp_path):
         read_geometry_table(tmp_path / "T-geom.dat")
     with pytest.raises(FileFormatError, match="expected a first line of column names"):
         read_geometry_table(tmp_path / "a-anm-1.dat")
+
+
+@pytest.mark.parametrize("degree", ["nan", "inf", "-3", "2.5"])
+def test_a_degree_that_is_none_is_told(tmp_path, degree):
+    columns = "Name xlow xhi ylow yhi zlow zhi volume surf_area Nnn"
+    (tmp_path / "T-geom.dat").write_text(f"{columns}\na-anm-1.dat {'1 ' * 8}{degree}\n")
+    with pytest.raises(FileFormatError, match=r"T-geom\.dat: expected a whole number Nnn from 0 for a-anm-1\.dat"):
+        usable_degree(tmp_path / "a-anm-1.dat")
+
+
+@pytest.mark.parametrize("triangles", [0, 7, 8_000_001])
+def test_a_number_of_triangles_out_of_range_is_refused(triangles):
+    ball = np.array([[10.0]], complex)
+    with pytest.raises(MeshError, match=f"8 to 8000000 triangles, got {triangles}"):
+        stone_of(ball, triangles=triangles)
+    assert len(stone_of(ball, triangles=8).faces) == 8
 
 
 def test_coefficients_and_tables_are_told_apart():

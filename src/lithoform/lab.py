@@ -243,8 +243,10 @@ def shape_index(lengths: ArrayLike, thicknesses: ArrayLike, masses: ArrayLike, *
     Raises
     ------
     MeshError
-        If the population is empty, or the arrays differ in length or hold what is no size or mass.
+        If the population is empty, the arrays differ in length or hold what is no size or mass, or the limit is no
+        positive number.
     """
+    _require_ratios([limit])
     (long, thick), weights = _population(masses, lengths=lengths, thicknesses=thicknesses)
     return _share(long / thick > limit, weights)
 
@@ -275,8 +277,10 @@ def flat_and_elongated(
     Raises
     ------
     MeshError
-        If the population is empty, or the arrays differ in length or hold what is no size or mass.
+        If the population is empty, the arrays differ in length or hold what is no size or mass, or a ratio is no
+        positive number.
     """
+    limits = _require_ratios(ratios)
     (long, wide, thick), weights = _population(masses, lengths=lengths, widths=widths, thicknesses=thicknesses)
     return [
         FlatElongated(
@@ -285,7 +289,7 @@ def flat_and_elongated(
             elongated=_share(long / wide > ratio, weights),
             flat_and_elongated=_share(long / thick > ratio, weights),
         )
-        for ratio in np.asarray(ratios, dtype=np.float64).ravel().tolist()
+        for ratio in limits
     ]
 
 
@@ -339,6 +343,13 @@ def _population(masses: ArrayLike, **lengths: ArrayLike) -> tuple[list[np.ndarra
     if not weights.sum() > 0.0:
         raise MeshError("expected a population with a mass, but all masses are 0.")
     return list(arrays.values()), weights
+
+
+def _require_ratios(ratios: ArrayLike) -> list[float]:
+    limits = np.asarray(ratios, dtype=np.float64).ravel()
+    if not (np.isfinite(limits) & (limits > 0.0)).all():
+        raise MeshError(f"expected ratios as positive numbers, such as 3; got {', '.join(f'{r:g}' for r in limits)}.")
+    return limits.tolist()
 
 
 def _share(chosen: np.ndarray, masses: np.ndarray) -> Share:

@@ -10,6 +10,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from itertools import islice
+from numbers import Integral
 from typing import TypeVar
 
 from lithoform.warp_runtime import default_threads
@@ -42,11 +43,11 @@ def in_order(
     Raises
     ------
     ValueError
-        If threads is not positive.
+        If threads is not a whole number of at least 1.
     """
     count = default_threads() if threads is None else threads
-    if count < 1:
-        raise ValueError(f"expected at least one thread, got {threads}.")
+    if not isinstance(count, Integral) or count < 1:
+        raise ValueError(f"expected at least one thread, as a whole number; got {threads!r}.")
     return _stream(work, iter(items), count)
 
 

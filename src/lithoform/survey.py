@@ -9,12 +9,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from lithoform.descriptors.body import BoxKind
+from lithoform.descriptors.body import Body, BoxKind
 from lithoform.descriptors.measuring import Measurement, measure, resolve_names
 from lithoform.errors import LithoformError
 from lithoform.mesh_io import UNITS, known_key
 from lithoform.parallel import in_order
 from lithoform.scans.reading import Scan, read_scan
+from lithoform.scans.spherical_harmonics import require_possible
+from lithoform.topology import sphere
 
 __all__ = ["Row", "rows_to_csv", "survey"]
 
@@ -84,19 +86,34 @@ def survey(
     Raises
     ------
     MeshError, FileFormatError
-        If a name or the unit is unknown; before any file is read.
+        If a name, the unit, the box or the scale is unknown, or the number of triangles is out of its range; before any
+        file is read.
     """
     wanted, per_metre = resolve_names(names), UNITS[known_key("unit", unit, UNITS)]
+    # Any body will do to tell a box or a scale that is unknown.
+    Body(sphere("octahedral", 1), box=box, scale=scale)
+    require_possible(triangles)
 
     def work(path: Path) -> Row:
         try:
             scan: Scan = read_scan(path, unit=unit, triangles=triangles)
             values = measure(scan.mesh, wanted, box=box, scale=scale).scaled(per_metre)
         except LithoformError as error:
-            return Row(path, None, error=" ".join(str(error).split()).removeprefix(f"{path}: "))
+            return Row(path, None, error=_one_line(str(error)).removeprefix(f"{_one_line(str(path))}: "))
+        except MemoryError:
+            raise
+        except Exception as error:
+            # A fault of ours or of a library is no reason to lose the rest of a long batch.
+            return Row(
+                path, None, error=f"measuring failed unexpectedly ({type(error).__name__}: {_one_line(str(error))})."
+            )
         return Row(path, values, scan.repairs)
 
     return in_order(work, files, threads=threads)
+
+
+def _one_line(text: str) -> str:
+    return " ".join(text.split())
 
 
 def rows_to_csv(rows: Sequence[Row], names: Sequence[str], conventions: Mapping[str, Any]) -> bytes:
@@ -111,4 +128,5 @@ def rows_to_csv(rows: Sequence[Row], names: Sequence[str], conventions: Mapping[
         writer.writerow(
             [str(row.file), *cells, *conventions.values(), "; ".join(row.repairs), "; ".join(notes), row.error]
         )
-    return out.getvalue().encode()
+    # Names of files may hold bytes that are no text in any coding.
+    return out.getvalue().encode(errors="backslashreplace")

@@ -15,6 +15,7 @@ from cyclopts import App, CycloptsError
 from lithoform import __version__
 from lithoform.cli.checking import check
 from lithoform.cli.generating import generate
+from lithoform.cli.laboratory import laboratory
 from lithoform.cli.measuring import measure, picture
 from lithoform.cli.output import drop_output, one_line, open_output, say
 from lithoform.cli.reproducing import reproduce
@@ -29,8 +30,9 @@ app = App(
 **Example:** `lithoform generate stones --count 12 --picture`""",
     version=__version__,
     help_format="markdown",
+    suppress_keyboard_interrupt=False,  # `main` tells it
 )
-for _command in (generate, check, measure, picture, reproduce):
+for _command in (generate, check, measure, laboratory, picture, reproduce):
     app.command(_command)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,9 +16,7 @@ from lithoform.errors import FileFormatError, MeshError
 
 
 def check(
-    files: Annotated[list[Path], Parameter(negative="")],
-    /,
-    *,
+    *files: Annotated[Path, Parameter(negative="")],
     json_: Json = False,
     debug: Flag = False,
 ) -> int:
@@ -53,13 +52,13 @@ def check(
     return 2 if any("error" in result for result in results) else 0
 
 
-def _mesh_files(paths: list[Path]) -> list[Path]:
+def _mesh_files(paths: Sequence[Path]) -> list[Path]:
     from lithoform.mesh_io import FORMATS
 
     out: list[Path] = []
     for path in paths:
         if os.path.isdir(path):  # noqa: PTH112 (Path.is_dir raises for a name too long)
-            found = sorted(p for p in path.iterdir() if p.suffix.lower()[1:] in FORMATS)
+            found = sorted(p for p in path.iterdir() if p.suffix.lower()[1:] in FORMATS and not p.is_dir())
             if not found:
                 raise FileFormatError(f"the folder {path} holds no mesh files ({', '.join(FORMATS)}).")
             out += found

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+import shutil
 import sys
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,15 +18,18 @@ from lithoform.cli.output import say
 if TYPE_CHECKING:
     from lithoform.survey import Row
 
-_ON_SCREEN = ("roundness", "boxiness", "solidity", "true_sphericity", "volume", "surface_area", "length", "width",
-              "thickness", "zingg_class")  # fmt: skip
-"""Columns that fit a terminal; --json and --csv hold all that were measured."""
+_ON_SCREEN = {
+    "roundness": "roundness", "boxiness": "boxiness", "solidity": "solidity", "true_sphericity": "TS", "volume": "V",
+    "length": "L", "width": "W", "thickness": "T", "zingg_class": "class",
+}  # fmt: skip
+"""Columns that fit a terminal of 100 columns, and their heads; --json and --csv hold all that were measured."""
+
+_LEAST_NAME = 20
+"""Columns that the name of a file keeps, however narrow the terminal is."""
 
 
 def measure(
-    files: Annotated[list[Path], Parameter(negative="")],
-    /,
-    *,
+    *files: Annotated[Path, Parameter(negative="")],
     descriptors: Annotated[list[str] | None, Parameter(negative="", consume_multiple=True)] = None,
     unit: str = "mm",
     box: str = "principal",
@@ -34,6 +40,9 @@ def measure(
     debug: Flag = False,
 ) -> int:
     """Measure the shape of particles, ours or scans: a row a particle.
+
+    The table shows roundness, boxiness, 3D solidity, true sphericity TS, volume V, length L, width W and thickness T of
+    the box, and Zingg's class; --csv and --json give all measures.
 
     Scans are welded, oriented and repaired first, and every repair is told. A file that cannot be measured is told
     with its fault, and the others go on; the command then exits with 2.
@@ -56,7 +65,7 @@ def measure(
     scale
         Scale of the roundness, times the radius of the inscribed sphere.
     triangles
-        Triangles of the meshes made from spherical harmonics, 8 n^2 or 20 n^2.
+        About how many triangles the meshes made from spherical harmonics have.
     csv
         Write all values to this file.
     json_
@@ -64,29 +73,48 @@ def measure(
     debug
         Show the traceback of an error.
     """
-    from lithoform.atomic import atomic_write
     from lithoform.descriptors.measuring import resolve_names
+    from lithoform.errors import FileFormatError
+    from lithoform.mesh_io import UNITS, known_key
     from lithoform.progress import track
     from lithoform.scans.reading import find_scans
     from lithoform.survey import rows_to_csv, survey
 
     asked = _words(descriptors) if descriptors is not None else None
-    names = resolve_names(asked)
+    if not files:
+        given = "; every word after --descriptors is taken for the name of one" if asked else ""
+        raise FileFormatError(f"expected at least one file or folder, such as lithoform measure stones{given}.")
+    names, unit = resolve_names(asked), known_key("unit", unit, UNITS)
     paths = find_scans(files)
     stream = survey(paths, names, unit=unit, triangles=triangles, box=box, scale=scale)  # type: ignore[arg-type]
-    rows = list(track(stream, total=len(paths), what="particles", enabled=len(paths) > 1))
-    if csv is not None:
-        atomic_write(csv, rows_to_csv(rows, names, {"unit": unit, "box": box, "roundness_scale": scale}))
+    with _opened(csv) as table:
+        rows = list(track(stream, total=len(paths), what="particles", enabled=len(paths) > 1))
+        if table is not None:
+            table.write_bytes(rows_to_csv(rows, names, {"unit": unit, "box": box, "roundness_scale": scale}))
     if json_:
         say(json.dumps([row.as_dict() for row in rows], indent=2))
     else:
-        _print_table(rows, [name for name in names if asked is not None or name in _ON_SCREEN], unit=unit)
+        heads = {name: name for name in names} if asked is not None else _ON_SCREEN
+        _print_table(rows, heads, unit=unit)
+        _print_notes(rows)
         if csv is not None:
             say(f"{len(rows)} rows: {csv}")
     return 2 if any(row.error for row in rows) else 0
 
 
-def _print_table(rows: list[Row], names: list[str], *, unit: str) -> None:
+@contextlib.contextmanager
+def _opened(path: Path | None) -> Iterator[Path | None]:
+    """A file that is written when the work is done, but refused before, if it cannot be."""
+    from lithoform.atomic import atomic_path
+
+    if path is None:
+        yield None
+        return
+    with atomic_path(path) as partial:
+        yield partial
+
+
+def _print_table(rows: list[Row], heads: dict[str, str], *, unit: str) -> None:
     from lithoform.descriptors.table import DESCRIPTORS
 
     def cell(value: Any) -> str:
@@ -94,19 +122,34 @@ def _print_table(rows: list[Row], names: list[str], *, unit: str) -> None:
 
     def head(name: str) -> str:
         power = DESCRIPTORS[name].power
-        return name if not power else f"{name} [{unit}{'' if power == 1 else f'^{power}'}]"
+        return heads[name] if not power else f"{heads[name]} [{unit}{'' if power == 1 else f'^{power}'}]"
 
-    table = [["file", *map(head, names)]]
-    table += [[str(r.file), *(cell(r.measurement[n]) for n in names)] for r in rows if r.measurement is not None]
+    table = [["file", *map(head, heads)]]
+    table += [[str(r.file), *(cell(r.measurement[n]) for n in heads)] for r in rows if r.measurement is not None]
+    if sys.stdout.isatty():
+        others = sum(2 + max(map(len, column)) for column in list(zip(*table, strict=True))[1:])
+        room = max(shutil.get_terminal_size((100, 24)).columns - others, _LEAST_NAME)
+        for line in table:
+            # Its end tells more of a file than its folders.
+            line[0] = line[0] if len(line[0]) <= room else "..." + line[0][3 - room :]
     widths = [max(map(len, column)) for column in zip(*table, strict=True)]
     for line in table if len(table) > 1 else []:
         aligned = [line[0].ljust(widths[0]), *(w.rjust(n) for w, n in zip(line[1:], widths[1:], strict=True))]
         say("  ".join(aligned).rstrip())
+
+
+def _print_notes(rows: Sequence[Row]) -> None:
+    """What there is to tell of each file; a note that many share, such as of too coarse a mesh, only once."""
+    shared: dict[str, list[Path]] = {}
     for row in rows:
-        for text in (*row.repairs, *(row.measurement.notes if row.measurement is not None else ())):
+        for note in row.measurement.notes if row.measurement is not None else ():
+            shared.setdefault(note, []).append(row.file)
+        for text in row.repairs:
             say(f"{row.file}: {text}")
         if row.error:
             print(f"{row.file}: not measured: {row.error}", file=sys.stderr)
+    for note, files in shared.items():
+        say(f"{files[0]}{f' and {len(files) - 1} more' if len(files) > 1 else ''}: {note}")
 
 
 def picture(
@@ -135,7 +178,7 @@ def picture(
         Panels: inscribed, box, hull, corners, volume (the ball of equal volume); separated by commas or spaces
         [default: all five].
     unit
-        Unit of a file that does not tell its own, and of the lengths in the picture.
+        Unit of a file that does not tell its own: m, cm, mm, um or in. The picture has lengths in m, mm or um.
     box
         principal, solid, vertices or minimum.
     scale
@@ -145,7 +188,6 @@ def picture(
     debug
         Show the traceback of an error.
     """
-    from lithoform.atomic import atomic_write
     from lithoform.figures.gallery import png_bytes
     from lithoform.figures.shape import LAYERS
     from lithoform.portrait import portrait
@@ -154,13 +196,14 @@ def picture(
 
     require_pictures()
     layers = _words(show) or list(LAYERS)
-    scan = read_scan(file, unit=unit)
-    pixels, found = portrait(scan.mesh, show=layers, box=box, scale=scale)  # type: ignore[arg-type]
-    atomic_write(out, png_bytes(pixels))
+    with _opened(out) as drawing:
+        scan = read_scan(file, unit=unit)
+        pixels, found = portrait(scan.mesh, show=layers, box=box, scale=scale)  # type: ignore[arg-type]
+        if drawing is not None:
+            drawing.write_bytes(png_bytes(pixels))
     if json_:
-        say(
-            json.dumps({"file": str(file), "picture": str(out), "show": layers, **found, "repairs": list(scan.repairs)})
-        )
+        told = {"repairs": list(scan.repairs), "notes": list(found.notes)}
+        say(json.dumps({"file": str(file), "picture": str(out), "show": layers, **found, **told}))
         return 0
     for text in (*scan.repairs, *found.notes):
         say(f"{file}: {text}")

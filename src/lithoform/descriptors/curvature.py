@@ -17,10 +17,14 @@ _SAME_SIDE: Final = wp.constant(wp.float64(0.3))
 """Least cosine to the mean normal of a place of normals that count as its side of the body: 73 degrees."""
 
 _NOT_OPPOSITE: Final = wp.constant(wp.float64(-0.1))
-"""Least cosine to a surfel's own normal of those averaged with it: right angles are seen, with a margin.
+"""Least cosine to a surfel's own normal of those averaged with it wherever they are: right angles, with a margin."""
 
-With -0.5 sharper edges are seen as well, but the values of 24 generated stones at 20,000 and 80,000 triangles differ
-by 0.73 % rms instead of 0.50 %, since more of the other side of thin rims is mixed in.
+_OPPOSITE: Final = wp.constant(wp.float64(-0.9))
+"""Cosine down to which normals count where the two planes meet near by, as at the edges of a tetrahedron.
+
+The other side of a thin wall has a plane that meets this one far away or nowhere.  Without these edges a tetrahedron
+has none at all.  The values of 24 generated stones at 20,000 and 80,000 triangles differ by 0.81 % rms with them,
+0.85 % without.
 """
 
 _FEWEST: Final = wp.constant(10)
@@ -100,7 +104,11 @@ def _facing_kernel(
     reach: wp.float64,
     facings: wp.array(dtype=wp.vec3d),
 ):
-    """Mean normal around each surfel: halfway between the faces near a sharp edge."""
+    """Mean normal around each surfel: halfway between the faces near a sharp edge.
+
+    Planes through this surfel (normal m) and another at p (normal n, m . n = c) meet at the distance
+    p . n / sqrt(1 - c^2) from this one, where the edge between them is convex.
+    """
     i = wp.tid()
     centre = positions[i]
     own = normals[i]
@@ -114,9 +122,19 @@ def _facing_kernel(
         for b in range(b0, b1 + 1):
             base = (a * shape[1] + b) * shape[2]
             for j in range(starts[base + c0], starts[base + c1 + 1]):
-                nearness = wp.float64(1.0) - wp.length_sq(positions[j] - centre) * per_square
-                if nearness > wp.float64(0.0) and wp.dot(normals[j], own) > _NOT_OPPOSITE:
-                    mean += (areas[j] * nearness) * normals[j]
+                p = positions[j] - centre
+                nearness = wp.float64(1.0) - wp.length_sq(p) * per_square
+                if nearness > wp.float64(0.0):
+                    n = normals[j]
+                    cosine = wp.dot(n, own)
+                    if cosine <= _NOT_OPPOSITE:
+                        if cosine > _OPPOSITE and wp.dot(p, own) <= wp.float64(0.0):
+                            rise = wp.max(wp.dot(p, n), wp.float64(0.0))
+                            square = rise * rise / (wp.float64(1.0) - cosine * cosine)
+                            nearness *= wp.max(wp.float64(1.0) - square * per_square, wp.float64(0.0))
+                        else:
+                            nearness = wp.float64(0.0)
+                    mean += (areas[j] * nearness) * n
     facings[i] = wp.normalize(mean)
 
 

@@ -31,6 +31,9 @@ _LARGEST_WINDOW: Final = 0.4
 _PART_OF_A_WINDOW: Final = 0.25
 _MOST_CUTS: Final = 64
 
+# Parts of cut faces in all, above which all are cut less: the long slivers of a prism of 800 faces would make 3e6.
+_MOST_PARTS: Final = 50_000
+
 # Faces turned further than this cosine away from the window's centre belong to another side of the body.
 _OTHER_SIDE: Final = -0.3
 
@@ -45,9 +48,10 @@ class FractalDimension:
     Attributes
     ----------
     value : float
-        D = 3 - min(H, 1): 2 for a surface that is smooth, smooth in pieces, or rough with H >= 1.
+        D = 3 - H with H brought into 0 to 1: 2 for a surface that is smooth, smooth in pieces, or rough with H >= 1.
     hurst : float
-        H as fitted, before it is cut at 1: about 1.5 for sharp edges between flat faces, above 2 for smooth bodies.
+        H as fitted, before it is cut at 0 and 1: about 1.5 for sharp edges between flat faces, above 2 for smooth
+        bodies; below 0 for plates thinner than the windows, where it means nothing.
     scales : numpy.ndarray, shape (s,)
         Radii l of the windows [unit of the mesh], rising; the range of scales that the value holds for.
     roughness : numpy.ndarray, shape (s,)
@@ -129,7 +133,7 @@ def fractal_dimension(mesh: Mesh) -> FractalDimension:
     hurst, misfit = _fitted_exponent(scales, roughness)
     for array in (scales, roughness):
         array.flags.writeable = False
-    return FractalDimension(3.0 - min(hurst, 1.0), hurst, scales, roughness, misfit, edge, resolved)
+    return FractalDimension(3.0 - min(max(hurst, 0.0), 1.0), hurst, scales, roughness, misfit, edge, resolved)
 
 
 def _weighed_points(mesh: Mesh, areas: np.ndarray, longest: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -143,6 +147,9 @@ def _weighed_points(mesh: Mesh, areas: np.ndarray, longest: float) -> tuple[np.n
     side = np.sqrt(np.max(sides, axis=0))
     cuts = np.ceil(side / (_PART_OF_A_WINDOW * longest)).clip(1, _MOST_CUTS).astype(np.int64)
     whole = side <= longest
+    parts_in_all = int((cuts[~whole] ** 2).sum())
+    if parts_in_all > _MOST_PARTS:
+        cuts = np.floor(cuts * np.sqrt(_MOST_PARTS / parts_in_all)).clip(1).astype(np.int64)
     owner, share = mesh.faces[whole].ravel(), np.repeat(areas[whole] / 3.0, 3)
     count = len(mesh.vertices)
     vectors = [np.bincount(owner, np.repeat(row[whole] / 3.0, 3), count) for row in mesh.area_vectors.T]
@@ -150,7 +157,7 @@ def _weighed_points(mesh: Mesh, areas: np.ndarray, longest: float) -> tuple[np.n
     used = weight > 0.0
     parts = [(mesh.vertices[used], np.stack(vectors, axis=1)[used], weight[used])]
     for k in np.unique(cuts[~whole]):
-        faces = np.flatnonzero(cuts == k)
+        faces = np.flatnonzero((cuts == k) & ~whole)
         u, v = _centres_of_parts(int(k))
         a, b, c = (corner[faces][:, None] for corner in corners)
         points = a + u[:, None] * (b - a) + v[:, None] * (c - a)

@@ -97,6 +97,12 @@ def roundness(mesh: Mesh, *, scale: float = 0.25, inscribed: Sphere | None = Non
     -------
     Roundness
 
+    Notes
+    -----
+    Edges sharper than about 35 degrees are seen in part or not at all: the value of a wedge then comes from its
+    other edges, and a lens with a rim as sharp as that passes for a body without corners.  So does a body so thin
+    (below about 1/100 of its extent) that its rim is less than 0.1 % of its surface; `under_resolved` then warns.
+
     Raises
     ------
     MeshError

@@ -31,6 +31,12 @@ _LONGEST_PIECE: Final = 1.5
 _MOST_CELLS: Final = 80_000
 """Surface area over cell area above which the cell is enlarged: it bounds the memory for thin plates."""
 
+_MOST_PIECES: Final = 2_000_000
+"""Pieces beyond one a face above which the cell is enlarged too: needles of slivers are long for their area."""
+
+_MOST_COLUMNS: Final = wp.constant(wp.float64(1.0e8))
+"""Bound of a face's length in pieces, so that it fits an int32; the cell is enlarged long before."""
+
 _KEY_RANGE: Final = wp.constant(1 << 19)
 _HASH_FACTOR: Final = wp.constant(wp.uint64(0x9E3779B97F4A7C15))
 
@@ -162,7 +168,7 @@ def _strips(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, piece: wp.float64):
     """Longest side of a triangle, and its height over that side, both in pieces; base first."""
     longest = wp.max(wp.length(b - a), wp.max(wp.length(c - b), wp.length(a - c)))
     height = wp.length(wp.cross(b - a, c - a)) / wp.max(longest, wp.float64(1.0e-300))
-    return longest / piece, height / piece
+    return wp.min(longest / piece, _MOST_COLUMNS), height / piece
 
 
 @wp.func
@@ -176,12 +182,20 @@ def _columns(base: wp.float64, strip: wp.int32, strips: wp.int32) -> wp.int32:
 def _count_kernel(
     vertices: wp.array(dtype=wp.vec3d),
     faces: wp.array(dtype=wp.vec3i),
+    centre: wp.vec3d,
+    axes: wp.mat33d,
     piece: wp.float64,
+    sizes: wp.array(dtype=wp.vec2d),
     counts: wp.array(dtype=wp.int32),
 ):
+    """Base and height of each face in pieces, kept so that the binning cuts exactly as many as were counted."""
     i = wp.tid()
     f = faces[i]
-    base, height = _strips(vertices[f[0]], vertices[f[1]], vertices[f[2]], piece)
+    a = axes * (vertices[f[0]] - centre)
+    b = axes * (vertices[f[1]] - centre)
+    c = axes * (vertices[f[2]] - centre)
+    base, height = _strips(a, b, c, piece)
+    sizes[i] = wp.vec2d(base, height)
     count = wp.int32(1)
     if base > wp.float64(1.0):
         strips = wp.max(wp.int32(1), wp.int32(wp.ceil(height)))
@@ -216,7 +230,7 @@ def _bin_kernel(
     centre: wp.vec3d,
     axes: wp.mat33d,
     cell: wp.float64,
-    piece: wp.float64,
+    sizes: wp.array(dtype=wp.vec2d),
     table: wp.array(dtype=wp.int32),
     keys: wp.array(dtype=wp.int64),
     positions: wp.array(dtype=wp.vec3d),
@@ -239,7 +253,8 @@ def _bin_kernel(
         area = wp.length(normal)
         if area > wp.float64(0.0):
             direction = _main_direction(normal)
-            base, height = _strips(a, b, c, piece)
+            base = sizes[i][0]
+            height = sizes[i][1]
             strips = wp.int32(1)
             if base > wp.float64(1.0):
                 strips = wp.max(wp.int32(1), wp.int32(wp.ceil(height)))
@@ -303,7 +318,8 @@ def bin_surfels(mesh: Mesh, frame: SurfaceFrame, cell: float) -> Surfels:
     frame : SurfaceFrame
         Of this mesh.
     cell : float
-        Wanted edge of the grid's cells [u]; enlarged where more than 80,000 cells would be needed.
+        Wanted edge of the grid's cells [u]; enlarged where more than 80,000 cells, or two million pieces, would be
+        needed.
 
     Returns
     -------
@@ -312,17 +328,23 @@ def bin_surfels(mesh: Mesh, frame: SurfaceFrame, cell: float) -> Surfels:
     """
     load(_bin_kernel.module, "cpu")
     cell = max(cell, math.sqrt(frame.area / _MOST_CELLS))
-    piece = _LONGEST_PIECE * cell
-    vertices, faces = shared_array(mesh.vertices, wp.vec3d), shared_array(mesh.faces, wp.vec3i)
-    counts = wp.empty(len(mesh.faces), dtype=wp.int32, device="cpu")
-    wp.launch(_count_kernel, dim=len(mesh.faces), inputs=[vertices, faces, piece, counts], device="cpu")
-    most = int(counts.numpy().sum(dtype=np.int64))
+    given = [shared_array(mesh.vertices, wp.vec3d), shared_array(mesh.faces, wp.vec3i)]
+    given += [wp.vec3d(*frame.centroid), wp.mat33d(*frame.axes.ravel())]
+    n = len(mesh.faces)
+    sizes, counts = wp.empty(n, dtype=wp.vec2d, device="cpu"), wp.empty(n, dtype=wp.int32, device="cpu")
+    while True:
+        inputs = [*given, _LONGEST_PIECE * cell, sizes, counts]
+        wp.launch(_count_kernel, dim=n, inputs=inputs, device="cpu")
+        most = int(counts.numpy().sum(dtype=np.int64))
+        if most <= _MOST_PIECES + n:
+            break
+        cell *= 2.0
     table = wp.empty(1 << (2 * most).bit_length(), dtype=wp.int32, device="cpu")
     keys = wp.empty(most, dtype=wp.int64, device="cpu")
     positions, normals = (wp.empty(most, dtype=wp.vec3d, device="cpu") for _ in range(2))
     areas = wp.empty(most, dtype=wp.float64, device="cpu")
     found = wp.empty(1, dtype=wp.int32, device="cpu")
-    inputs = [vertices, faces, wp.vec3d(*frame.centroid), wp.mat33d(*frame.axes.ravel()), cell, piece, table]
-    wp.launch(_bin_kernel, dim=1, inputs=[*inputs, keys, positions, normals, areas, found], device="cpu")
+    inputs = [*given, cell, sizes, table, keys, positions, normals, areas, found]
+    wp.launch(_bin_kernel, dim=1, inputs=inputs, device="cpu")
     n = int(found.numpy()[0])
     return Surfels(positions.numpy()[:n], normals.numpy()[:n], areas.numpy()[:n], cell)

@@ -97,8 +97,8 @@ _ROWS: Final = (
                0, 0.0, 1.0, "Sneed and Folk 1958", lambda b: form.maximum_projection_sphericity(*b.dimensions), _BOX),
     Descriptor("sneed_folk_form", "F", "(l_c - l_b) / (l_c - l_a): 0 oblate, 1 prolate",
                0, 0.0, 1.0, "Sneed and Folk 1958", lambda b: form.sneed_folk_form(*b.dimensions), _BOX),
-    Descriptor("surface_convexity", "C_S", "area of the convex hull over the surface area",
-               0, 0.0, 1.0, "ISO 9276-6, in three dimensions", lambda b: b.hull.area / b.mass.area),
+    Descriptor("surface_convexity", "C_S", "area of the convex hull over the surface area; above 1 for a U or a hook",
+               0, 0.0, _INF, "ISO 9276-6, in three dimensions", lambda b: b.hull.area / b.mass.area),
     Descriptor("corner_fraction", "A_c / S", "share of the surface that curves more than the inscribed sphere by 5 %",
                0, 0.0, 1.0, "validation page", lambda b: b.roundness.corner_fraction, ("scale",)),
     # On request.
@@ -137,7 +137,7 @@ _ROWS: Final = (
     Descriptor("fractal_dimension", "D", "3 - H, with H the growth of the relief with the window; 2 if smooth",
                0, 2.0, 3.0, "Malinverno 1990", lambda b: b.fractal.value, is_standard=False),
     Descriptor("hurst_exponent", "H", "growth of the relief with the window over which it is measured",
-               0, 0.0, _INF, "Malinverno 1990", lambda b: b.fractal.hurst, is_standard=False),
+               0, -_INF, _INF, "Malinverno 1990", lambda b: b.fractal.hurst, is_standard=False),
     Descriptor("roundness_published", "R_pub", "the paper's own program, which measures the mesh: for comparison only",
                0, 0.0, _INF, "eq. 22 of the paper as its program has it", _published, is_standard=False),
 )  # fmt: skip

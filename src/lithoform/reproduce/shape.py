@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import os
 from pathlib import Path
 from typing import Final
 
@@ -23,6 +24,7 @@ from lithoform.presets import SHAPE_CLASSES, database_recipe, particle_seed
 from lithoform.progress import track
 from lithoform.rendering import require_pictures
 from lithoform.simplification import simplification_drift, simplify
+from lithoform.warp_runtime import resolve_device
 
 __all__ = ["figure_3", "figure_4"]
 
@@ -56,8 +58,9 @@ def figure_3(out: str | Path, *, seed: int | None = None, triangles: int = 20_00
         If the stone cannot be made or drawn, or the file cannot be written.
     """
     require_pictures()
-    folder = _made_folder(out)
     recipe = database_recipe("cube", seed=_SEED if seed is None else seed, triangles=triangles)
+    resolve_device(device)
+    folder = _made_folder(out)
     pixels, _ = portrait(generate(recipe, device=device))
     return [_written(folder / "fig3.png", png_bytes(pixels))]
 
@@ -88,7 +91,10 @@ def figure_4(
         If a stone cannot be made, simplified or drawn, or a file cannot be written.
     """
     require_pictures()
-    folder, first = _made_folder(out), _SEED if seed is None else seed
+    # The seed itself is one of a stone too, so that it is refused where a stone's would be.
+    first = database_recipe("cube", seed=_SEED if seed is None else seed, triangles=triangles).seed
+    resolve_device(device)
+    folder = _made_folder(out)
     recipes = [database_recipe(SHAPE_CLASSES[i % 4], seed=particle_seed(first, i)) for i in range(_DIAGRAM_STONES)]
     dimensions = track(
         measure_many(generate_many(recipes, device=device), ("elongation", "flatness")),
@@ -139,6 +145,8 @@ def figure_4(
 
 def _made_folder(out: str | Path) -> Path:
     folder = Path(out)
+    if folder.suffix.lower() == ".png" and not os.path.isdir(folder):  # noqa: PTH112 (is_dir raises for a long name)
+        raise OutputError(f"{folder}: expected a folder for the files, not the name of a picture; choose another.")
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

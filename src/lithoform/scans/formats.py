@@ -125,6 +125,8 @@ def decode(data: bytes, name: str, path: Path) -> Decoded:
             found = _read_scene_files(data, name, path) if name in ("glb", "gltf", "3mf") else _READERS[name](data)
     except (FileFormatError, MemoryError, ImportError):
         raise
+    except FileNotFoundError as error:
+        raise FileFormatError(f"the file {error} that it names is not there; keep it beside this one.") from None
     except Exception as error:
         # Whatever a reader stumbles on in a broken file: an index, a number, a checksum, a missing name.
         raise FileFormatError(f"it is truncated or is no {name} file; export it again.") from error
@@ -157,10 +159,11 @@ def _from_polygons(vertices: np.ndarray, sizes: np.ndarray, corners: np.ndarray)
 def _read_stl(data: bytes) -> Decoded:
     count = struct.unpack("<I", data[80:84])[0] if len(data) >= 84 else 0
     held, rest = divmod(max(len(data) - 84, 0), _STL_TRIANGLE.itemsize)
-    if data.lstrip()[:5].lower() == b"solid" and not (count and len(data) == 84 + _STL_TRIANGLE.itemsize * count):
+    named = data[:4096].removeprefix(b"\xef\xbb\xbf").lstrip()[:5].lower() == b"solid"
+    if named and not (count and len(data) == 84 + _STL_TRIANGLE.itemsize * count):
         text = data.lower()
         if b"facet" in text[:4096] or held == 0 or b"endsolid" in text:
-            return _read_text_stl(text)
+            return _read_text_stl(text.removeprefix(b"\xef\xbb\xbf"))
     if held == 0:
         raise FileFormatError("it is no stl file, binary or text; check its name.")
     corners = np.frombuffer(data, _STL_TRIANGLE, min(held, count) if rest else held, 84)["corners"]
@@ -237,7 +240,8 @@ def _read_off(data: bytes) -> Decoded:
 def _read_obj(data: bytes) -> Decoded:
     words: list[bytes] = []
     polygons: list[list[int]] = []
-    text = data.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").replace(b"\\\n", b" ")
+    # A lone carriage return ends a line of an old Macintosh.
+    text = data.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").replace(b"\r", b"\n").replace(b"\\\n", b" ")
     for line in text.split(b"\n"):
         row = line.partition(b"#")[0].split()
         if row and row[0] == b"v":

@@ -95,7 +95,7 @@ def find_scans(paths: _Path | Iterable[_Path]) -> list[Path]:
     given = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
     found: list[Path] = []
     for path in map(Path, given):
-        if path.is_dir():
+        if os.path.isdir(path):  # noqa: PTH112 (Path.is_dir raises for a name too long)
             inside = sorted(p for p in path.rglob("*") if p.suffix.lower() in SCAN_EXTENSIONS and p.is_file())
             inside = [p for p in inside if p.suffix.lower() != ".dat" or _is_coefficient_file(p)]
             if not inside:
@@ -132,7 +132,7 @@ def read_scan(
         A key of `lithoform.mesh_io.UNITS`, for the formats that do not tell it: glTF and GLB are in metres, 3MF
         names its own, coefficients are in millimetres.
     triangles : int
-        About how many a series of coefficients is evaluated to.
+        About how many a series of coefficients is evaluated to, 8 to 8,000,000.
     max_degree : int, optional
         Degree up to which coefficients are used; by default that of the table (``*-geom.dat``) beside the file, and
         all without one.
@@ -248,5 +248,5 @@ def read_scans(
 def _files(paths: _Path | Iterable[_Path]) -> Iterator[Path]:
     for path in map(Path, [paths] if isinstance(paths, str | os.PathLike) else paths):
         # A folder with the name of a scan was taken for one: reading it tells.
-        is_plain_folder = path.is_dir() and path.suffix.lower() not in SCAN_EXTENSIONS
+        is_plain_folder = os.path.isdir(path) and path.suffix.lower() not in SCAN_EXTENSIONS  # noqa: PTH112
         yield from find_scans(path) if is_plain_folder else [path]

@@ -135,6 +135,8 @@ def repair(mesh: Mesh | tuple[ArrayLike, ArrayLike]) -> Repaired:
 
 def _may_be_sound(mesh: Mesh) -> bool:
     """What is quickly told, before a search for crossings that takes long where whole faces lie on each other."""
+    if (mesh.area_vectors == 0.0).all(axis=1).any():
+        return False
     table = mesh.connectivity
     paired = (table.edge_face_counts == 2).all() and not table.edge_windings.any()
     return bool(paired) and table.euler_characteristic == 2 and table.component_count == 1

@@ -23,23 +23,28 @@ from typing import Final
 
 import numpy as np
 
-from lithoform.errors import FileFormatError
+from lithoform.errors import FileFormatError, MeshError
 from lithoform.mesh import Mesh
 from lithoform.topology import sphere
 from lithoform.warp_runtime import MODULE_OPTIONS, load, shared_array, wp
 
 __all__ = [
+    "TRIANGLES",
     "evaluate_radius",
     "is_coefficient_text",
     "is_geometry_table",
     "parse_coefficients",
     "read_coefficients",
     "read_geometry_table",
+    "require_possible",
     "stone_of",
     "usable_degree",
 ]
 
 wp.set_module_options(MODULE_OPTIONS)
+
+TRIANGLES: Final = (8, 8_000_000)
+"""Fewest and most triangles of a stone made from coefficients: an octahedron, and the most of a recipe."""
 
 _SYMMETRY_TOLERANCE: Final = 1e-6
 """Of a_00: the files round to 1e-10 of a millimetre, and their stones measure above 0.1 mm."""
@@ -272,8 +277,19 @@ def usable_degree(path: Path) -> int | None:
     for table in sorted(Path(path).parent.glob("*-geom.dat")):
         row = _cached_table(table, table.stat().st_mtime_ns).get(Path(path).name)
         if row is not None:
-            return int(row["Nnn"])
+            degree = row["Nnn"]
+            if not (degree >= 0.0 and degree.is_integer()):
+                raise FileFormatError(
+                    f"{table}: expected a whole number Nnn from 0 for {Path(path).name}, got {degree:g}; correct it."
+                )
+            return int(degree)
     return None
+
+
+def require_possible(triangles: int) -> None:
+    """Raise a `MeshError` if a stone cannot be made of so many triangles (`TRIANGLES`)."""
+    if not TRIANGLES[0] <= triangles <= TRIANGLES[1]:
+        raise MeshError(f"expected {TRIANGLES[0]} to {TRIANGLES[1]} triangles, got {triangles}.")
 
 
 def stone_of(coefficients: np.ndarray, *, degree: int | None = None, triangles: int = 20_000) -> Mesh:
@@ -300,7 +316,10 @@ def stone_of(coefficients: np.ndarray, *, degree: int | None = None, triangles: 
     ------
     FileFormatError
         If the degree is not among those given, or the radius is not positive somewhere.
+    MeshError
+        If the number of triangles is out of its range.
     """
+    require_possible(triangles)
     highest = len(coefficients) - 1
     used = highest if degree is None else int(degree)
     if not 0 <= used <= highest:

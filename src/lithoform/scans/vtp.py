@@ -108,7 +108,9 @@ def _opened(data: bytes) -> tuple[ElementTree.Element, _Source]:
             f"expected VTK's PolyData, got {root.get('type', root.tag)!r}; extract its surface first."
         )
     packer = root.get("compressor", "")
-    if packer and packer not in _PACKERS:
+    # Text is not packed, whatever packer the file names.
+    is_text = all(array.get("format", "ascii") == "ascii" for array in root.iter("DataArray"))
+    if packer and packer not in _PACKERS and not is_text:
         raise FileFormatError(f"it is packed by {packer}, which is not read here; write it with zlib, or unpacked.")
     endian = ">" if root.get("byte_order") == "BigEndian" else "<"
     offsets = sorted({int(array.get("offset", "0")) for array in root.iter("DataArray")})
