@@ -20,7 +20,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
 
 import bodies
 
-from lithoform import Mesh, Recipe, database_recipe, generate_many, measure, measure_many, particle_seed
+from lithoform import Mesh, Recipe, database_recipe, generate_many, measure, measure_many, particle_seed, simplify
 from lithoform.descriptors.table import FOUR
 from lithoform.parallel import in_order
 from lithoform.presets import SHAPE_CLASSES
@@ -85,6 +85,20 @@ def resolution(count: int, console: Console) -> None:
             cells.append(f"{change.mean():+.4f} / {np.sqrt((change**2).mean()):.4f} / {np.abs(change).max():.4f}")
         table.add_row(label, *cells)
     console.print(table)
+
+
+def same_body(count: int, console: Console) -> None:
+    fine = [database_recipe(SHAPE_CLASSES[i % 4], seed=particle_seed(81, i), triangles=80_000) for i in range(count)]
+    changes, resolved = [], []
+    for mesh in stones(fine):
+        coarse = measure(simplify(mesh, 20_000), "roundness")
+        changes.append(coarse["roundness"] / measure(mesh, "roundness")["roundness"] - 1)
+        resolved.append(not coarse.notes)
+    groups = ((f"{count} stones", [True] * count), (f"the {sum(resolved)} resolved", resolved))
+    for label, kept in groups:
+        change = np.array(changes)[kept]
+        console.print(f"roundness of one body, 80,000 triangles simplified to 20,000, {label}: {change.mean():+.4f} "
+                      f"mean, {np.sqrt((change**2).mean()):.4f} rms, {np.abs(change).max():.4f} worst")  # fmt: skip
 
 
 def noise(count: int, console: Console) -> None:
@@ -179,6 +193,7 @@ def main() -> None:
     console = Console(width=160)
     known_bodies(console)
     resolution(options.stones, console)
+    same_body(options.stones, console)
     noise(options.stones, console)
     trends(console)
     database(40, console)

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
         MeshError,
         OutputError,
         RecipeError,
+        SampleError,
         UnsoundMeshError,
     )
     from lithoform.flattening import flatten
@@ -49,6 +50,7 @@ _HOME = {
         "MeshError",
         "OutputError",
         "RecipeError",
+        "SampleError",
         "UnsoundMeshError",
     ),
     "flattening": ("flatten",),
@@ -81,6 +83,7 @@ __all__ = [
     "Particle",
     "Recipe",
     "RecipeError",
+    "SampleError",
     "Scan",
     "SoundnessReport",
     "UnsoundMeshError",

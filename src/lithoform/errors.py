@@ -14,6 +14,7 @@ __all__ = [
     "MeshError",
     "OutputError",
     "RecipeError",
+    "SampleError",
     "UnsoundMeshError",
 ]
 
@@ -49,6 +50,10 @@ class UnsoundMeshError(MeshError):
 
 class FileFormatError(LithoformError, ValueError):
     """A file's format is unknown, or its content is not what the format promises."""
+
+
+class SampleError(LithoformError, ValueError):
+    """A sample, or an option of a statistic, cannot be used for what was asked."""
 
 
 class OutputError(LithoformError, OSError):

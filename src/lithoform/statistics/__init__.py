@@ -1,0 +1,1 @@
+"""Comparison of two populations: histogram indices with their noise floors, distances, effect sizes, tests."""
