@@ -45,6 +45,8 @@ def test_json_is_a_list_of_objects_in_the_unit_asked_for(run, files):
     assert box["surface_area"] == pytest.approx(2200.0, rel=1e-6)
     assert ball["volume"] == pytest.approx(math.pi / 6 * 1000, rel=2e-3)
     assert ball["roundness"] == pytest.approx(1.0, abs=5e-3)
+    assert box["conventions"]["boxiness"] == {"box": "principal"}
+    assert box["conventions"]["roundness"] == {"scale": 0.25}
     status, out, _ = run("measure", "stones/box.stl", "--json", "--descriptors", "volume,sieve_size", "--unit", "cm")
     (row,) = json.loads(out)
     # The file does not tell its unit: the same numbers are centimetres now.

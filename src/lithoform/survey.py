@@ -42,8 +42,10 @@ class Row:
     error: str = ""
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values: `file` and the descriptors' names; `repairs`, `notes` and `error` where there is one."""
+        """Plain values: `file`, the descriptors' names; `conventions`, `repairs`, `notes`, `error` where there are."""
         told: dict[str, Any] = {"file": str(self.file), **(self.measurement or {})}
+        if self.measurement is not None and self.measurement.conventions:
+            told["conventions"] = self.measurement.conventions
         if self.repairs:
             told["repairs"] = list(self.repairs)
         if self.measurement is not None and self.measurement.notes:
