@@ -560,7 +560,9 @@ def test_killed_at_any_moment_and_resumed_it_ends_the_same(tmp_path):
 
 def test_interrupted_it_says_how_to_go_on(tmp_path):
     out = tmp_path / "out"
-    process = command("generate", str(out), "--count", "100000", *SMALL)
+    # A shell starts what runs in the background with interrupts ignored, and so all that this starts.
+    heed = lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)  # noqa: E731
+    process = command("generate", str(out), "--count", "100000", *SMALL, preexec_fn=heed)
     while process.poll() is None and len(list(out.glob("*.json"))) < 5:
         time.sleep(0.01)
     process.send_signal(signal.SIGINT)
