@@ -1,7 +1,7 @@
 """Fill the references from the tables of the code: `lithoform.PARAMETERS` and `lithoform.DESCRIPTORS`.
 
 A line `<!-- parameters -->` becomes the table of all parameters, `<!-- parameter: NAME -->` the facts of one, and
-`<!-- descriptors -->` the table of all measures.
+`<!-- standard descriptors -->` and `<!-- further descriptors -->` the tables of measures.
 """
 
 import math
@@ -9,6 +9,7 @@ import re
 from typing import Any
 
 from lithoform import DESCRIPTORS, PARAMETERS, Recipe
+from lithoform.descriptors.table import Descriptor
 from lithoform.parameters import Parameter
 
 _COLUMNS = ("Symbol", "Name", "Unit", "Range", "Benchmark", "Equation")
@@ -18,23 +19,30 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
     """Called by MkDocs for every page, with its source."""
     table = [_row(_COLUMNS), _row(["---"] * len(_COLUMNS)), *(_row(_facts(p)) for p in PARAMETERS)]
     markdown = markdown.replace("<!-- parameters -->", "\n".join(table))
-    markdown = markdown.replace("<!-- descriptors -->", "\n".join(_descriptors()))
+    markdown = markdown.replace("<!-- standard descriptors -->", _descriptors(standard=True))
+    markdown = markdown.replace("<!-- further descriptors -->", _descriptors(standard=False))
     return re.sub(r"<!-- parameter: (\w+) -->", _one, markdown)
 
 
-def _descriptors() -> list[str]:
-    columns = ("Name", "Symbol", "Definition", "Unit", "Range", "Depends on", "Set", "Source")
+def _descriptors(*, standard: bool) -> str:
+    columns = ("Name", "Definition", "Unit", "Range", "Source")
     out = [_row(columns), _row(["---"] * len(columns))]
     for d in DESCRIPTORS.values():
-        unit = {0: "", 1: "m"}.get(d.power, f"m^{d.power}^")
-        limits = (
-            "" if d.name == "zingg_class" else f"above {d.low:g}" if d.high == math.inf else f"{d.low:g} to {d.high:g}"
-        )
-        kind = "standard" if d.is_standard else "on request"
-        symbol = f"`{d.symbol}`" if d.symbol else ""
-        cells = (f"`{d.name}`", symbol, d.definition, unit, limits, ", ".join(d.conventions), kind, d.citation)
-        out.append(_row(cells))
-    return out
+        if d.is_standard == standard:
+            unit = {0: "", 1: "m", 2: "m²", 3: "m³", 5: "m⁵"}[d.power]
+            definition = f"`{d.symbol}`: {d.definition}" if d.symbol else d.definition
+            if d.conventions:
+                definition += f" (by {', '.join(d.conventions)})"
+            out.append(_row((f"`{d.name}`", definition, unit, _descriptor_range(d), d.citation)))
+    return "\n".join(out)
+
+
+def _descriptor_range(d: Descriptor) -> str:
+    if d.name == "zingg_class":
+        return ""
+    if d.high == math.inf:
+        return "" if d.low == -math.inf else f"above {d.low:g}"
+    return f"{d.low:g} to {d.high:g}"
 
 
 def _one(match: re.Match[str]) -> str:

@@ -100,7 +100,7 @@ _ROWS: Final = (
     Descriptor("surface_convexity", "C_S", "area of the convex hull over the surface area; above 1 for a U or a hook",
                0, 0.0, _INF, "ISO 9276-6, in three dimensions", lambda b: b.hull.area / b.mass.area),
     Descriptor("corner_fraction", "A_c / S", "share of the surface that curves more than the inscribed sphere by 5 %",
-               0, 0.0, 1.0, "validation page", lambda b: b.roundness.corner_fraction, ("scale",)),
+               0, 0.0, 1.0, "defined with the roundness", lambda b: b.roundness.corner_fraction, ("scale",)),
     # On request.
     Descriptor("minimum_box_length", "L_m", "longest extent of the box of least volume",
                1, 0.0, _INF, "O'Rourke 1985", lambda b: float(b.minimum_box.extents[0]), is_standard=False),
