@@ -23,7 +23,7 @@ from hypothesis.extra.numpy import arrays
 
 from lithoform import mesh_io
 from lithoform.errors import FileFormatError, MeshError, OutputError
-from lithoform.mesh import Mesh
+from lithoform.mesh import Mesh, weld
 from lithoform.mesh_io import (
     FORMATS,
     UNITS,
@@ -209,7 +209,7 @@ def test_the_corners_of_an_stl_are_merged_by_value_in_order(tmp_path):
         [[-0.0, 1, 2], [1, 1, 1], [3, 4, 5]],
         [[tiny, 1, 1], [1, 1, 1], [9, 9, 9]],
     ]
-    data = np.zeros(3, mesh_io._STL_TRIANGLE)
+    data = np.zeros(3, mesh_io.STL_TRIANGLE)
     data["corners"] = corners
     path = write(tmp_path / "a.stl", bytes(80) + struct.pack("<I", 3) + data.tobytes())
     mesh = read_mesh(path, unit="m")
@@ -223,7 +223,7 @@ def test_merging_agrees_with_a_dictionary(points):
     corners = points.astype(np.float32)
     index: dict[tuple[float, ...], int] = {}
     expected = [index.setdefault(tuple(c), len(index)) for c in corners.tolist()]
-    vertices, faces = mesh_io._weld(corners)
+    vertices, faces = weld(corners)
     assert vertices.tolist() == [list(key) for key in index]
     assert faces.ravel().tolist() == expected
 
@@ -440,14 +440,13 @@ def test_a_truncated_file_is_refused_wherever_it_ends(body, tmp_path, name):
     data = encode_mesh(body, name)
     path = tmp_path / f"a.{name}"
     ends = {1, 3, 10, 79, 83, 84, 100, len(data) // 3, len(data) // 2, len(data) - 51, len(data) - 2, len(data) - 1}
-    for end in sorted(ends):
-        refusal(write(path, data[:end]))
-    refusal(write(path, b""))
+    for end in (0, *sorted(ends)):
+        assert path.name in refusal(write(path, data[:end]))
 
 
 @pytest.mark.parametrize("name", ["stl", "ply", "glb"])
 def test_a_binary_file_with_more_than_it_promises_is_refused(body, tmp_path, name):
-    refusal(write(tmp_path / f"a.{name}", encode_mesh(body, name) + bytes(12)))
+    assert f"a.{name}" in refusal(write(tmp_path / f"a.{name}", encode_mesh(body, name) + bytes(12)))
 
 
 def test_a_truncated_text_is_refused(body, tmp_path):
@@ -466,8 +465,8 @@ def test_garbage_is_refused(tmp_path, name):
     magic = {"ply": b"ply\n", "glb": b"glTF", "3mf": b"PK\x03\x04", "stl": b"solid ", "obj": b"v 1 2\n"}[name]
     for size in (1, 20, 90, 3000):
         noise = generator.integers(0, 256, size, dtype=np.uint8).tobytes()
-        refusal(write(path, noise))
-        refusal(write(path, magic + noise))
+        assert path.name in refusal(write(path, noise))
+        assert path.name in refusal(write(path, magic + noise))
 
 
 @pytest.mark.parametrize("name", ALL)
@@ -518,7 +517,7 @@ def test_polygons_are_not_cut_up(tmp_path):
     "line", ["f 1 2", "f 1 2 x", "f 0 1 2", "f 1 2 9", "f 1 2 -9", "v 1 2", "v 1 2 z", "v 1 nan 2", "v 1 2 inf", "f"]
 )
 def test_bad_lines_of_an_obj(tmp_path, line):
-    refusal(write(tmp_path / "a.obj", TETRA_OBJ + line + "\n"))
+    assert "a.obj" in refusal(write(tmp_path / "a.obj", TETRA_OBJ + line + "\n"))
 
 
 def test_coordinates_that_are_not_finite(body, tmp_path):

@@ -80,24 +80,26 @@ def tolerance(recipe: Recipe) -> float:
     return max(1e-12, 4 * 2.0**-53 * slope * (1.0 + recipe.warp_strength * slope))
 
 
-def against_oracle(recipe: Recipe, directions: np.ndarray) -> None:
+def departure(recipe: Recipe, directions: np.ndarray) -> float:
+    """Largest relative difference from the oracle; NaN, which no bound admits, where a radius is not a number."""
     made, expected = radii([recipe], directions)[0], oracles.radius(recipe, directions)
-    np.testing.assert_allclose(made, expected, rtol=tolerance(recipe), atol=0, err_msg=repr(recipe))
+    return float(np.abs(made / expected - 1.0).max())
 
 
 @pytest.mark.parametrize("recipe", [benchmark_recipe(), benchmark_recipe(seed=2**64 - 1)])
 def test_benchmark_equals_the_oracle_on_the_default_sphere(recipe):
-    against_oracle(recipe, sphere("octahedral", 50).vertices)
+    assert departure(recipe, sphere("octahedral", 50).vertices) <= tolerance(recipe)
 
 
 @pytest.mark.parametrize("shape_class", SHAPE_CLASSES)
 def test_database_preset_equals_the_oracle(shape_class):
-    against_oracle(database_recipe(shape_class, seed=particle_seed(3, 1)), DIRECTIONS)
+    recipe = database_recipe(shape_class, seed=particle_seed(3, 1))
+    assert departure(recipe, DIRECTIONS) <= tolerance(recipe)
 
 
 @pytest.mark.parametrize("number", range(30))
 def test_random_recipes_over_table_7_equal_the_oracle(number):
-    against_oracle(RANDOM[number], DIRECTIONS)
+    assert departure(RANDOM[number], DIRECTIONS) <= tolerance(RANDOM[number])
 
 
 @pytest.mark.parametrize("change", EXTREMES.values(), ids=EXTREMES)
@@ -106,7 +108,7 @@ def test_the_ends_of_the_ranges_are_finite_positive_and_equal_the_oracle(change)
     r = radii([recipe], DIRECTIONS)[0]
     assert np.isfinite(r).all()
     assert r.min() >= 0.999 * RADIUS_FLOOR * recipe.base_radius
-    against_oracle(recipe, DIRECTIONS)
+    assert departure(recipe, DIRECTIONS) <= tolerance(recipe)
 
 
 def test_parts_of_the_field_equal_the_oracle():

@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lithoform.errors import MeshError
-from lithoform.mesh import Mesh
-from lithoform.scans.cleaning import flatten_slivers, orient, split_fans, weld
+from lithoform.mesh import Mesh, weld
+from lithoform.scans.cleaning import flatten_slivers, orient, split_fans
 from lithoform.scans.hole_filling import (
     boundary_loops,
     fill_holes,

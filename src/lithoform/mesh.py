@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from lithoform.errors import MeshError
 from lithoform.lazy import cached_property
 
-__all__ = ["Connectivity", "MassProperties", "Mesh"]
+__all__ = ["Connectivity", "MassProperties", "Mesh", "weld"]
 
 
 class Connectivity:
@@ -263,6 +263,32 @@ class Mesh:
         digest.update(self.vertices.astype("<f8", copy=False).tobytes())
         digest.update(self.faces.astype("<i4", copy=False).tobytes())
         return digest.hexdigest()
+
+
+def weld(vertices: np.ndarray, faces: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Merge vertices of equal coordinates, in the order of their first occurrence.
+
+    Parameters
+    ----------
+    vertices : numpy.ndarray of float, shape (n, 3)
+    faces : numpy.ndarray of int, shape (m, 3), optional
+        By default every three vertices are the corners of a face, as in an STL.
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        Vertices, shape (k, 3), and the faces that refer to them.
+    """
+    # By their bits, as integers sort faster than rows of floats; + 0.0 makes one of the two zeros.
+    bits = np.ascontiguousarray(vertices + 0.0).view(f"i{vertices.itemsize}")
+    order = np.lexsort(bits.T)
+    is_new = np.ones(len(bits), bool)
+    is_new[1:] = (bits[order[1:]] != bits[order[:-1]]).any(axis=1)
+    group = np.empty(len(bits), np.int64)
+    group[order] = np.cumsum(is_new) - 1
+    first = order[is_new]  # lexsort is stable, so that this is the lowest index of each group
+    merged = np.argsort(np.argsort(first))[group]
+    return vertices[np.sort(first)], merged.reshape(-1, 3) if faces is None else merged[faces]
 
 
 def _frozen(array: np.ndarray, dtype: Any) -> np.ndarray:

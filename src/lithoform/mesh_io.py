@@ -22,12 +22,12 @@ import numpy as np
 
 from lithoform.atomic import atomic_write
 from lithoform.errors import FileFormatError, MeshError
-from lithoform.mesh import Mesh
+from lithoform.mesh import Mesh, weld
 from lithoform.parameters import suggest
 
 __all__ = [
-    "FORMATS", "UNITS", "MeshFormat", "encode_mesh", "file_unit", "format_of", "known_key", "read_bytes", "read_mesh",
-    "read_scene", "stored_vertices", "write_mesh",
+    "FORMATS", "MAGIC", "STL_TRIANGLE", "UNITS", "MeshFormat", "encode_mesh", "file_unit", "format_of", "known_key",
+    "read_bytes", "read_mesh", "read_scene", "stored_vertices", "write_mesh",
 ]  # fmt: skip
 
 _Path = str | os.PathLike[str]
@@ -75,8 +75,8 @@ UNITS: Final[dict[str, float]] = {"m": 1.0, "cm": 100.0, "mm": 1000.0, "um": 1e6
 _UNITS_3MF: Final = {"m": "meter", "cm": "centimeter", "mm": "millimeter", "um": "micron", "in": "inch"}
 # "millimeters" is what trimesh calls the unit of a file that names none: the standard's default.
 _PER_METRE_3MF: Final = {_UNITS_3MF[u]: UNITS[u] for u in UNITS} | {"foot": 1 / 0.3048, "millimeters": 1000.0}
-_MAGIC: Final = {b"glTF": "glb", b"PK\x03\x04": "3mf", b"ply\n": "ply", b"ply\r": "ply"}
-_STL_TRIANGLE: Final = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+MAGIC: Final = {b"glTF": "glb", b"PK\x03\x04": "3mf", b"ply\n": "ply", b"ply\r": "ply"}
+STL_TRIANGLE: Final = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 _STL_FACET: Final = ("facet normal 0 0 0 outer loop " + "vertex 0 0 0 " * 3 + "endloop endfacet").split()
 _OBJ_HEADER: Final = "# lithoform: {} vertices, {} triangles\n"
 _POLYGONS: Final = "expected triangles, but it holds polygons of more corners; triangulate it before."
@@ -234,7 +234,7 @@ def read_mesh(path: _Path, *, unit: str = "mm") -> Mesh:
     path = Path(path)
     name, per_metre = format_of(path), UNITS[known_key("unit", unit, UNITS)]
     data = read_bytes(path)
-    found = _MAGIC.get(data[:4], name if name in ("stl", "obj") else "different")
+    found = MAGIC.get(data[:4], name if name in ("stl", "obj") else "different")
     if found != name:
         raise FileFormatError(f"{path}: its name says {name}, but its content is {found}; rename it.")
     try:
@@ -256,8 +256,8 @@ def read_mesh(path: _Path, *, unit: str = "mm") -> Mesh:
 
 def _read_stl(data: bytes) -> tuple[np.ndarray, np.ndarray]:
     count = struct.unpack("<I", data[80:84])[0] if len(data) >= 84 else 0
-    if len(data) == 84 + _STL_TRIANGLE.itemsize * count:
-        return _weld(np.frombuffer(data[84:], _STL_TRIANGLE)["corners"].reshape(-1, 3))
+    if len(data) == 84 + STL_TRIANGLE.itemsize * count:
+        return weld(np.frombuffer(data[84:], STL_TRIANGLE)["corners"].reshape(-1, 3))
     text = data.decode("latin-1").lower().lstrip()
     if not text.startswith("solid"):
         raise FileFormatError(f"its size is not that of {count} triangles; it is truncated or no stl file.")
@@ -267,20 +267,7 @@ def _read_stl(data: bytes) -> tuple[np.ndarray, np.ndarray]:
     words, fixed = np.array(text.split()).reshape(-1, len(pattern)), pattern != "0"
     if begun != ended or (words[:, fixed] != pattern[fixed]).any():
         raise ValueError("a solid or a facet is not whole")
-    return _weld(words[:, ~fixed][:, 3:].astype(np.float64).reshape(-1, 3))
-
-
-def _weld(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Merge corners of equal coordinates; vertices in the order of their first occurrence, and the faces."""
-    # By their bits, as integers sort faster than rows of floats; + 0.0 makes one of the two zeros.
-    bits = (corners + 0.0).view(f"i{corners.itemsize}")
-    order = np.lexsort(bits.T)
-    is_new = np.ones(len(corners), bool)
-    is_new[1:] = (bits[order[1:]] != bits[order[:-1]]).any(axis=1)
-    group = np.empty(len(corners), np.int64)
-    group[order] = np.cumsum(is_new) - 1
-    first = order[is_new]  # lexsort is stable, so that this is the lowest index of each group
-    return corners[np.sort(first)], np.argsort(np.argsort(first))[group].reshape(-1, 3)
+    return weld(words[:, ~fixed][:, 3:].astype(np.float64).reshape(-1, 3))
 
 
 def _read_ply(data: bytes) -> tuple[np.ndarray, np.ndarray]:

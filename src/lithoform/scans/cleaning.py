@@ -23,7 +23,6 @@ __all__ = [
     "orient",
     "patches",
     "split_fans",
-    "weld",
     "weld_rims",
 ]
 
@@ -32,30 +31,6 @@ _FLAT_SINE: Final = 1e-12
 
 _WELD_TOLERANCES: Final = (1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3)
 """Of the body's size; the smallest that closes the surface, or leaves the fewest open edges, is taken."""
-
-
-def weld(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Merge vertices of equal coordinates, in the order of their first occurrence.
-
-    Parameters
-    ----------
-    vertices : numpy.ndarray, shape (n, 3)
-    faces : numpy.ndarray of int, shape (m, 3)
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        Vertices, shape (k, 3), and the faces that refer to them.
-    """
-    # By their bits, as integers sort faster than rows of floats; + 0.0 makes one of the two zeros.
-    bits = np.ascontiguousarray(vertices + 0.0, np.float64).view(np.int64)
-    order = np.lexsort(bits.T)
-    is_new = np.ones(len(bits), bool)
-    is_new[1:] = (bits[order[1:]] != bits[order[:-1]]).any(axis=1)
-    group = np.empty(len(bits), np.int64)
-    group[order] = np.cumsum(is_new) - 1
-    first = order[is_new]  # lexsort is stable, so that this is the lowest index of each group
-    return vertices[np.sort(first)], np.argsort(np.argsort(first))[group][faces]
 
 
 def weld_rims(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, int, float]:

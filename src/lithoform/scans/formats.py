@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 
 from lithoform.errors import FileFormatError
-from lithoform.mesh_io import read_scene
+from lithoform.mesh_io import MAGIC, STL_TRIANGLE, read_scene
 from lithoform.scans.hole_filling import triangulate_polygons
 from lithoform.scans.ply import parse_numbers, read_ply_polygons
 from lithoform.scans.vtp import read_vtp_polygons
@@ -28,10 +28,8 @@ SCAN_EXTENSIONS: Final = {
 }  # fmt: skip
 """Format that an extension promises; anm are NIST's spherical-harmonic coefficients."""
 
-_MAGIC: Final = {b"glTF": "glb", b"PK\x03\x04": "3mf", b"ply\n": "ply", b"ply\r": "ply"}
 _OFF: Final = re.compile(rb"(ST)?(C)?(N)?(4)?(n)?OFF\b")
 _OBJ: Final = re.compile(rb"^(v|vt|vn|f|o|g|s|mtllib|usemtl)[ \t]\S", re.MULTILINE)
-_STL_TRIANGLE: Final = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 
 @dataclass(eq=False)
@@ -76,10 +74,10 @@ def format_of_content(data: bytes, suffix: str) -> str | None:
     from lithoform.scans.spherical_harmonics import is_coefficient_text
 
     promised = SCAN_EXTENSIONS.get(suffix.lower())
-    if data[:4] in _MAGIC:
-        return _MAGIC[data[:4]]
+    if data[:4] in MAGIC:
+        return MAGIC[data[:4]]
     count = struct.unpack("<I", data[80:84])[0] if len(data) >= 84 else 0
-    if count and len(data) == 84 + _STL_TRIANGLE.itemsize * count:
+    if count and len(data) == 84 + STL_TRIANGLE.itemsize * count:
         return "stl"
     head = data[:4096].removeprefix(b"\xef\xbb\xbf").lstrip()
     if head[:5].lower() == b"solid" and b"facet" in head.lower():
@@ -117,7 +115,7 @@ def decode(data: bytes, name: str, path: Path) -> Decoded:
     FileFormatError
         If the bytes are not what the format promises, or hold no triangles; the file is not named.
     """
-    if name in _MAGIC.values() and data[:4] not in _MAGIC:
+    if name in MAGIC.values() and data[:4] not in MAGIC:
         raise FileFormatError(f"it does not begin as a {name} file does; check what it is, and its name.")
     try:
         # Numbers that are none, or too large, are for the repair to tell.
@@ -158,20 +156,20 @@ def _from_polygons(vertices: np.ndarray, sizes: np.ndarray, corners: np.ndarray)
 
 def _read_stl(data: bytes) -> Decoded:
     count = struct.unpack("<I", data[80:84])[0] if len(data) >= 84 else 0
-    held, rest = divmod(max(len(data) - 84, 0), _STL_TRIANGLE.itemsize)
+    held, rest = divmod(max(len(data) - 84, 0), STL_TRIANGLE.itemsize)
     named = data[:4096].removeprefix(b"\xef\xbb\xbf").lstrip()[:5].lower() == b"solid"
-    if named and not (count and len(data) == 84 + _STL_TRIANGLE.itemsize * count):
+    if named and not (count and len(data) == 84 + STL_TRIANGLE.itemsize * count):
         text = data.lower()
         if b"facet" in text[:4096] or held == 0 or b"endsolid" in text:
             return _read_text_stl(text.removeprefix(b"\xef\xbb\xbf"))
     if held == 0:
         raise FileFormatError("it is no stl file, binary or text; check its name.")
-    corners = np.frombuffer(data, _STL_TRIANGLE, min(held, count) if rest else held, 84)["corners"]
+    corners = np.frombuffer(data, STL_TRIANGLE, min(held, count) if rest else held, 84)["corners"]
     decoded = _from_corners(corners.reshape(-1, 3))
     if rest and count > held:
         raise FileFormatError(f"its header promises {count:,} triangles, but it ends within number {held + 1:,}.")
     if rest:
-        decoded.alarms.append(f"ignored {len(data) - 84 - count * _STL_TRIANGLE.itemsize:,} bytes after the triangles")
+        decoded.alarms.append(f"ignored {len(data) - 84 - count * STL_TRIANGLE.itemsize:,} bytes after the triangles")
     elif count != held:
         decoded.alarms.append(f"its header promises {count:,} triangles, but {held:,} were read")
         _refuse_if_cut(decoded, f"its header promises {count:,} triangles, but it holds {held:,}", count > held)

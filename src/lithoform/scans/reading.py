@@ -11,9 +11,8 @@ from typing import Final
 import numpy as np
 
 from lithoform.errors import FileFormatError, LithoformError, MeshError
-from lithoform.mesh import Mesh
+from lithoform.mesh import Mesh, weld
 from lithoform.mesh_io import UNITS, known_key, read_bytes
-from lithoform.scans.cleaning import weld
 from lithoform.scans.formats import SCAN_EXTENSIONS, Decoded, decode, format_of_content
 from lithoform.scans.repair import refuse_flat
 from lithoform.scans.repair import repair as repair_mesh

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lithoform.errors import MeshError
-from lithoform.mesh import Connectivity, Mesh
+from lithoform.mesh import Connectivity, Mesh, weld
 from lithoform.scans.cleaning import (
     bow_ties,
     crowded_faces,
@@ -30,7 +30,6 @@ from lithoform.scans.cleaning import (
     largest_patch,
     orient,
     split_fans,
-    weld,
     weld_rims,
 )
 from lithoform.scans.hole_filling import fill_holes, lids
