@@ -40,7 +40,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "predicates": {"errors", "warp_runtime"},
     "intersections": {"errors", "predicates", "warp_runtime"},
     "soundness": {"errors", "intersections", "mesh", "warp_runtime"},
-    "conditioning": {"errors", "mesh"},
+    "conditioning": {"errors", "face_integrals", "mesh"},
     "flattening": {"errors", "mesh"},
     "feasibility": FOUNDATION | {"conditioning", "intersections", "topology"},
     "particle": FOUNDATION | {"figures", "mesh", "mesh_io", "rendering", "sidecar", "soundness"},

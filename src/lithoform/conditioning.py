@@ -165,19 +165,15 @@ def principal_frame(mesh: Mesh, weighting: Weighting = "vertices") -> tuple[np.n
 
 
 def _surface_moments(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
-    corners = [mesh.vertices[mesh.faces[:, i]] for i in range(3)]
-    area = np.sqrt((mesh.area_vectors**2).sum(axis=1))
-    if not 0.0 < area.sum() < math.inf:
-        raise MeshError(f"a body needs a finite surface for its principal axes; its area is {area.sum():g}.")
-    centroid = (area[:, None] * (corners[0] + corners[1] + corners[2])).sum(axis=0) / (3.0 * area.sum())
-    a, b, c = (corner - centroid for corner in corners)
-    total = a + b + c
-    covariance = np.empty((3, 3))
-    for i in range(3):
-        for j in range(3):
-            products = a[:, i] * a[:, j] + b[:, i] * b[:, j] + c[:, i] * c[:, j] + total[:, i] * total[:, j]
-            covariance[i, j] = float((area * products).sum()) / 12.0
-    return centroid, covariance
+    # Warp is loaded when a surface is first measured.
+    from lithoform.face_integrals import surface_moments
+
+    origin = mesh.vertices[0]
+    area, _, first, second = surface_moments(mesh.vertices, mesh.faces, origin)
+    if not 0.0 < area < math.inf:
+        raise MeshError(f"a body needs a finite surface for its principal axes; its area is {area:g}.")
+    offset = first / area
+    return origin + offset, second - area * np.outer(offset, offset)
 
 
 def fit_to_box(

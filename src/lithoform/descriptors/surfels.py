@@ -15,15 +15,13 @@ from typing import Final
 import numpy as np
 
 from lithoform.errors import MeshError
+from lithoform.face_integrals import surface_moments
 from lithoform.mesh import Mesh
 from lithoform.warp_runtime import MODULE_OPTIONS, load, shared_array, wp
 
 __all__ = ["SurfaceFrame", "Surfels", "bin_surfels", "surface_frame"]
 
 wp.set_module_options(MODULE_OPTIONS)
-
-_RUN: Final = 64
-_SUMS: Final = 11
 
 _LONGEST_PIECE: Final = 1.5
 """Longest side of a piece of a face, in cells: with longer ones a cell inside a face could stay empty."""
@@ -89,49 +87,8 @@ class Surfels:
     cell: float
 
 
-@wp.kernel(enable_backward=False)
-def _moments_kernel(
-    vertices: wp.array(dtype=wp.vec3d),
-    faces: wp.array(dtype=wp.vec3i),
-    origin: wp.vec3d,
-    run: wp.int32,
-    sums: wp.array2d(dtype=wp.float64),
-):
-    k = wp.tid()
-    area = wp.float64(0.0)
-    sides = wp.float64(0.0)
-    first = wp.vec3d(wp.float64(0.0), wp.float64(0.0), wp.float64(0.0))
-    diagonal = wp.vec3d(wp.float64(0.0), wp.float64(0.0), wp.float64(0.0))
-    mixed = wp.vec3d(wp.float64(0.0), wp.float64(0.0), wp.float64(0.0))
-    for i in range(k * run, wp.min((k + 1) * run, faces.shape[0])):
-        f = faces[i]
-        a = vertices[f[0]] - origin
-        b = vertices[f[1]] - origin
-        c = vertices[f[2]] - origin
-        face_area = wp.float64(0.5) * wp.length(wp.cross(b - a, c - a))
-        t = a + b + c
-        area += face_area
-        sides += wp.length(b - a) + wp.length(c - b) + wp.length(a - c)
-        first += face_area * t
-        diagonal += face_area * (wp.cw_mul(a, a) + wp.cw_mul(b, b) + wp.cw_mul(c, c) + wp.cw_mul(t, t))
-        mixed += face_area * (
-            wp.vec3d(a[1] * a[2], a[2] * a[0], a[0] * a[1])
-            + wp.vec3d(b[1] * b[2], b[2] * b[0], b[0] * b[1])
-            + wp.vec3d(c[1] * c[2], c[2] * c[0], c[0] * c[1])
-            + wp.vec3d(t[1] * t[2], t[2] * t[0], t[0] * t[1])
-        )
-    sums[k, 0] = area
-    sums[k, 1] = sides
-    for j in range(3):
-        sums[k, 2 + j] = first[j]
-        sums[k, 5 + j] = diagonal[j]
-        sums[k, 8 + j] = mixed[j]
-
-
 def surface_frame(mesh: Mesh) -> SurfaceFrame:
     """Area, mean edge, centroid and principal axes of a surface.
-
-    Each face contributes A (a + b + c) / 3 and A / 12 (a a^T + b b^T + c c^T + t t^T), t = a + b + c.
 
     Parameters
     ----------
@@ -146,20 +103,12 @@ def surface_frame(mesh: Mesh) -> SurfaceFrame:
     MeshError
         If the surface has no area, or one that float64 cannot hold.
     """
-    load(_moments_kernel.module, "cpu")
     origin = mesh.vertices[0]
-    runs = -(-len(mesh.faces) // _RUN)
-    sums = wp.empty((runs, _SUMS), dtype=wp.float64, device="cpu")
-    inputs = [shared_array(mesh.vertices, wp.vec3d), shared_array(mesh.faces, wp.vec3i), wp.vec3d(*origin), _RUN, sums]
-    wp.launch(_moments_kernel, dim=runs, inputs=inputs, device="cpu")
-    total = sums.numpy().sum(axis=0)
-    area, sides = float(total[0]), float(total[1])
+    area, sides, first, second = surface_moments(mesh.vertices, mesh.faces, origin)
     if not 0.0 < area < math.inf:
         raise MeshError(f"expected a surface with a finite area above 0, got {area:g}; check the scale of the mesh.")
-    offset = total[2:5] / (3.0 * area)
-    (xx, yy, zz), (yz, zx, xy) = total[5:8], total[8:11]
-    second = np.array([[xx, xy, zx], [xy, yy, yz], [zx, yz, zz]]) / (12.0 * area)
-    axes = np.linalg.eigh(second - offset[:, None] * offset)[1].T.copy()
+    offset = first / area
+    axes = np.linalg.eigh(second / area - offset[:, None] * offset)[1].T.copy()
     return SurfaceFrame(area, sides / (3 * len(mesh.faces)), origin + offset, axes)
 
 
