@@ -138,6 +138,93 @@ def _facing_kernel(
     facings[i] = wp.normalize(mean)
 
 
+@wp.func
+def _fit_within(
+    reach: wp.float64,
+    centre: wp.vec3d,
+    facing: wp.vec3d,
+    positions: wp.array(dtype=wp.vec3d),
+    normals: wp.array(dtype=wp.vec3d),
+    areas: wp.array(dtype=wp.float64),
+    starts: wp.array(dtype=wp.int32),
+    low: wp.vec3d,
+    cell: wp.float64,
+    shape: wp.vec3i,
+):
+    """Neighbours within `reach` on the same side, and the largest curvature fitted to them; 0 where they fit none."""
+    zero = wp.float64(0.0)
+    one = wp.float64(1.0)
+    u = _tangent(facing)
+    v = wp.cross(facing, u)
+    count = wp.int32(0)
+    weight = zero
+    x_sum = zero
+    y_sum = zero
+    a_sum = zero
+    b_sum = zero
+    xx = zero
+    xy = zero
+    yy = zero
+    r_x = zero
+    r_xy = zero
+    r_y = zero
+    square = reach * reach
+    per_square = one / square
+    from_low = centre - low
+    i0, i1 = _cell_range(from_low[0], reach, cell, shape[0] - 1)
+    j0, j1 = _cell_range(from_low[1], reach, cell, shape[1] - 1)
+    k0, k1 = _cell_range(from_low[2], reach, cell, shape[2] - 1)
+    for ci in range(i0, i1 + 1):
+        for cj in range(j0, j1 + 1):
+            base = (ci * shape[1] + cj) * shape[2]
+            for t in range(starts[base + k0], starts[base + k1 + 1]):
+                p = positions[t] - centre
+                away = wp.length_sq(p)
+                if away < square:
+                    n = normals[t]
+                    if wp.dot(n, facing) > _SAME_SIDE:
+                        nearness = one - away * per_square
+                        w = areas[t] * nearness * nearness
+                        x = wp.dot(p, u)
+                        y = wp.dot(p, v)
+                        a = wp.dot(n, u)
+                        b = wp.dot(n, v)
+                        w_x = w * x
+                        w_y = w * y
+                        count += 1
+                        weight += w
+                        x_sum += w_x
+                        y_sum += w_y
+                        a_sum += w * a
+                        b_sum += w * b
+                        xx += w_x * x
+                        xy += w_x * y
+                        yy += w_y * y
+                        r_x += w_x * a
+                        r_xy += w_y * a + w_x * b
+                        r_y += w_y * b
+    if weight == zero:
+        return count, zero
+    x_mean = x_sum / weight
+    y_mean = y_sum / weight
+    xx -= x_sum * x_mean
+    xy -= x_sum * y_mean
+    yy -= y_sum * y_mean
+    r_x -= a_sum * x_mean
+    r_xy -= a_sum * y_mean + b_sum * x_mean
+    r_y -= b_sum * y_mean
+    trace = xx + yy
+    det = xx * yy - xy * xy
+    if det <= _FLAT * trace * trace:
+        return count, zero
+    # Least squares for the symmetric map [[k_x, k_xy], [k_xy, k_y]] of positions to normals.
+    k_xy = (r_xy * xx * yy - xy * (r_x * yy + r_y * xx)) / (trace * det)
+    k_x = (r_x - k_xy * xy) / xx
+    k_y = (r_y - k_xy * xy) / yy
+    half = wp.float64(0.5)
+    return count, half * (k_x + k_y) + wp.sqrt(half * half * (k_x - k_y) * (k_x - k_y) + k_xy * k_xy)
+
+
 @wp.kernel(enable_backward=False)
 def _fit_kernel(
     positions: wp.array(dtype=wp.vec3d),
@@ -151,98 +238,18 @@ def _fit_kernel(
     facings: wp.array(dtype=wp.vec3d),
     curvatures: wp.array(dtype=wp.float64),
 ):
+    """Curvature at the scale, which is widened where there are too few neighbours."""
     i = wp.tid()
-    zero = wp.float64(0.0)
-    one = wp.float64(1.0)
-    centre = positions[i]
-    facing = facings[i]
-    from_low = centre - low
-    u = _tangent(facing)
-    v = wp.cross(facing, u)
     reach = scale
-    count = wp.int32(0)
-    weight = zero
-    x_sum = zero
-    y_sum = zero
-    a_sum = zero
-    b_sum = zero
-    xx = zero
-    xy = zero
-    yy = zero
-    r_x = zero
-    r_xy = zero
-    r_y = zero
+    curvature = wp.float64(0.0)
     for _ in range(_MOST_WIDENINGS):
-        count = wp.int32(0)
-        weight = zero
-        x_sum = zero
-        y_sum = zero
-        a_sum = zero
-        b_sum = zero
-        xx = zero
-        xy = zero
-        yy = zero
-        r_x = zero
-        r_xy = zero
-        r_y = zero
-        square = reach * reach
-        per_square = one / square
-        i0, i1 = _cell_range(from_low[0], reach, cell, shape[0] - 1)
-        j0, j1 = _cell_range(from_low[1], reach, cell, shape[1] - 1)
-        k0, k1 = _cell_range(from_low[2], reach, cell, shape[2] - 1)
-        for ci in range(i0, i1 + 1):
-            for cj in range(j0, j1 + 1):
-                base = (ci * shape[1] + cj) * shape[2]
-                for t in range(starts[base + k0], starts[base + k1 + 1]):
-                    p = positions[t] - centre
-                    away = wp.length_sq(p)
-                    if away < square:
-                        n = normals[t]
-                        if wp.dot(n, facing) > _SAME_SIDE:
-                            nearness = one - away * per_square
-                            w = areas[t] * nearness * nearness
-                            x = wp.dot(p, u)
-                            y = wp.dot(p, v)
-                            a = wp.dot(n, u)
-                            b = wp.dot(n, v)
-                            w_x = w * x
-                            w_y = w * y
-                            count += 1
-                            weight += w
-                            x_sum += w_x
-                            y_sum += w_y
-                            a_sum += w * a
-                            b_sum += w * b
-                            xx += w_x * x
-                            xy += w_x * y
-                            yy += w_y * y
-                            r_x += w_x * a
-                            r_xy += w_y * a + w_x * b
-                            r_y += w_y * b
+        count, curvature = _fit_within(
+            reach, positions[i], facings[i], positions, normals, areas, starts, low, cell, shape
+        )
         if count >= _FEWEST:
             break
         reach = reach * _WIDENING
-    curvatures[i] = zero
-    if weight == zero:
-        return
-    x_mean = x_sum / weight
-    y_mean = y_sum / weight
-    xx -= x_sum * x_mean
-    xy -= x_sum * y_mean
-    yy -= y_sum * y_mean
-    r_x -= a_sum * x_mean
-    r_xy -= a_sum * y_mean + b_sum * x_mean
-    r_y -= b_sum * y_mean
-    trace = xx + yy
-    det = xx * yy - xy * xy
-    if det <= _FLAT * trace * trace:
-        return
-    # Least squares for the symmetric map [[k_x, k_xy], [k_xy, k_y]] of positions to normals.
-    k_xy = (r_xy * xx * yy - xy * (r_x * yy + r_y * xx)) / (trace * det)
-    k_x = (r_x - k_xy * xy) / xx
-    k_y = (r_y - k_xy * xy) / yy
-    half = wp.float64(0.5)
-    curvatures[i] = half * (k_x + k_y) + wp.sqrt(half * half * (k_x - k_y) * (k_x - k_y) + k_xy * k_xy)
+    curvatures[i] = curvature
 
 
 @wp.kernel(enable_backward=False)
