@@ -15,7 +15,7 @@ from typing import Final
 
 from lithoform.errors import OutputError
 
-__all__ = ["atomic_path", "atomic_write", "remove_partials"]
+__all__ = ["atomic_path", "atomic_write", "make_folder", "remove_partials"]
 
 _SUFFIX: Final = ".partial"
 
@@ -143,3 +143,11 @@ def _sync(path: Path, flags: int) -> None:
 def _cause(error: OSError) -> str:
     reason = error.strerror or str(error) or "unknown fault"
     return _CAUSES.get(error.errno or 0, f"{reason[0].lower()}{reason[1:]}; try another path.")
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder, and those above it, where there is none; an `OutputError` if it cannot be made."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"cannot make the folder {folder}: {error.strerror or error}; choose another.") from error

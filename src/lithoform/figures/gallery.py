@@ -21,7 +21,7 @@ from lithoform.mesh import Mesh
 from lithoform.parameters import PARAMETERS
 from lithoform.rendering import STONE, VIEW, Studio, Vector, load_module
 
-__all__ = ["Variation", "figure_2", "gallery", "png_bytes"]
+__all__ = ["MILLIMETRES", "Variation", "figure_2", "gallery", "png_bytes"]
 
 # The paper's symbols as Matplotlib writes mathematics, by their form in ASCII; "size" is L, W and H together.
 _MATHTEXT: Final = {
@@ -31,7 +31,7 @@ _MATHTEXT: Final = {
 }  # fmt: skip
 _HIGHLIGHT: Final = "#faf0db"  # paper under the benchmark
 _INK: Final = "#2b2a28"
-_MILLIMETRES: Final = {"m": 1e3, "cm": 10.0, "mm": 1.0, "um": 1e-3}
+MILLIMETRES: Final = {"m": 1e3, "cm": 10.0, "mm": 1.0, "um": 1e-3}
 
 
 @dataclass(frozen=True)
@@ -89,8 +89,8 @@ def gallery(
     if not meshes or len(captions) != len(meshes):
         raise LithoformError(f"a gallery needs one caption for each mesh; got {len(meshes)} meshes and "
                              f"{len(captions)} captions.")  # fmt: skip
-    if scale not in ("common", "each") or unit not in _MILLIMETRES or (columns is not None and columns < 1):
-        raise LithoformError(f"a gallery needs a scale of common or each, a unit of {', '.join(_MILLIMETRES)}, and at "
+    if scale not in ("common", "each") or unit not in MILLIMETRES or (columns is not None and columns < 1):
+        raise LithoformError(f"a gallery needs a scale of common or each, a unit of {', '.join(MILLIMETRES)}, and at "
                              f"least 1 column; got {scale!r}, {unit!r} and {columns}.")  # fmt: skip
     columns = min(columns or math.ceil(math.sqrt(1.2 * len(meshes))), len(meshes))
     width, height = cell = (320, 260)
@@ -106,8 +106,8 @@ def gallery(
     if title:
         page.text(24, 34, title, size=22, ha="left", weight="bold")
     if span is not None:
-        millimetres = _round_length(0.6 * span * width / height * _MILLIMETRES[unit])
-        bar = millimetres / _MILLIMETRES[unit] / span * height
+        millimetres = _round_length(0.6 * span * width / height * MILLIMETRES[unit])
+        bar = millimetres / MILLIMETRES[unit] / span * height
         page.line([page.width - 28 - bar, page.width - 28], page.height - 24)
         page.text(page.width - 28 - bar / 2, page.height - 40, f"{millimetres:g} mm", size=15)
     return page.save(path)

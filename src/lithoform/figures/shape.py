@@ -15,6 +15,7 @@ import numpy as np
 
 from lithoform.descriptors.solids import Box, Sphere
 from lithoform.errors import LithoformError
+from lithoform.figures.gallery import MILLIMETRES
 from lithoform.figures.sheet import COLOURS, DPI, GREY, INK, Sheet, sheet
 from lithoform.mesh import Mesh
 from lithoform.rendering import STONE, VIEW, Placement, Studio, Surface, Vector, load_module, view_axes
@@ -43,7 +44,6 @@ _NOTES: Final = {
     "corners": "corner weight",
     "volume": "sphere of equal volume, $r$ = ",
 }
-_MILLIMETRES: Final = {"m": 1e3, "cm": 10.0, "mm": 1.0, "um": 1e-3}
 
 _WIDTH: Final = 46.0  # of each stone's picture [mm]
 _FLATTEST, _TALLEST = 0.5, 1.25  # its height over its width, which follows the stone
@@ -269,7 +269,7 @@ def _written_unit(unit: str | None, length: float) -> tuple[float, str]:
     """Factor and name of the unit in which lengths up to `length` [unit of the mesh] are written."""
     if unit is None:
         return 1.0, ""
-    millimetres = _MILLIMETRES[unit]
+    millimetres = MILLIMETRES[unit]
     if length * millimetres >= 1000.0:
         return 1e-3 * millimetres, " m"
     return (1e3 * millimetres, " µm") if length * millimetres < 0.1 else (millimetres, " mm")
@@ -352,8 +352,8 @@ def _check_layers(show: Sequence[str], results: Mapping[str, Any], labels: Mappi
         if not all(0.0 < length < math.inf for length in lengths):
             raise LithoformError(f"expected a finite, positive size of what the layer {layer!r} shows; got "
                                  f"{', '.join(f'{length:g}' for length in lengths)}.")  # fmt: skip
-    if unit is not None and unit not in _MILLIMETRES:
-        raise LithoformError(f"expected a unit of {', '.join(_MILLIMETRES)} or None; got {unit!r}.")
+    if unit is not None and unit not in MILLIMETRES:
+        raise LithoformError(f"expected a unit of {', '.join(MILLIMETRES)} or None; got {unit!r}.")
 
 
 def _checked_weights(weights: Any, mesh: Mesh) -> np.ndarray:

@@ -11,7 +11,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from lithoform.errors import LithoformError, OutputError
+from lithoform.atomic import make_folder
+from lithoform.errors import LithoformError
 from lithoform.figures.gallery import Variation
 from lithoform.figures.gallery import figure_2 as draw_plate
 from lithoform.lazy import cached_property
@@ -175,7 +176,7 @@ def figure_2(
     require_pictures()
     benchmark = Recipe(seed=SEED if seed is None else seed, triangles=triangles)
     _require_possible(FIGURE_2_VARIATIONS, benchmark, device)
-    _make_folder(path.parent)
+    make_folder(path.parent)
     rows = list(_variations(FIGURE_2_VARIATIONS, benchmark, device, threads))
     return draw_plate(rows, path)
 
@@ -212,7 +213,7 @@ def parameter_plates(
     require_pictures()
     benchmark = Recipe(seed=SEED if seed is None else seed, triangles=triangles)
     _require_possible(sweeps, benchmark, device)
-    _make_folder(target)
+    make_folder(target)
     return [
         draw_plate([row], target / f"{sweep.name}.png", cell=(190, 150), view=sweep.view, symbols=False)
         for sweep, row in zip(sweeps, _variations(sweeps, benchmark, device, threads), strict=True)
@@ -244,13 +245,6 @@ def _require_possible(sweeps: Iterable[Sweep], benchmark: Recipe, device: str) -
     for sweep in sweeps:
         for recipe in sweep.recipes(benchmark):
             require_feasible(recipe)
-
-
-def _make_folder(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"cannot make the folder {folder}: {error.strerror or error}; choose another.") from error
 
 
 def _text(value: Any) -> str:

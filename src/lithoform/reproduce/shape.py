@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from lithoform.atomic import atomic_write
+from lithoform.atomic import atomic_write, make_folder
 from lithoform.descriptors.measuring import measure, measure_many
 from lithoform.descriptors.table import FOUR
 from lithoform.errors import OutputError
@@ -147,10 +147,7 @@ def _made_folder(out: str | Path) -> Path:
     folder = Path(out)
     if folder.suffix.lower() == ".png" and not os.path.isdir(folder):  # noqa: PTH112 (is_dir raises for a long name)
         raise OutputError(f"{folder}: expected a folder for the files, not the name of a picture; choose another.")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"{folder}: cannot be made a folder ({error.strerror or error}); choose another.") from None
+    make_folder(folder)
     return folder
 
 
