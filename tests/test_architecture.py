@@ -17,7 +17,7 @@ ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "src" / "lithoform"
 MODULES = sorted(PACKAGE.rglob("*.py"))
 MAX_LINES = 500
-HEAVY = "cyclopts fast_simplification matplotlib pyarrow pyvista rich scipy shapely trimesh vtk vtkmodules warp".split()
+HEAVY = "cyclopts dask distributed duckdb fast_simplification matplotlib pyarrow pyvista rich scipy shapely trimesh vtk vtkmodules warp".split()
 
 # Who may import whom inside the package. A name is a module or a folder; within a folder all is allowed.
 FOUNDATION = {"errors", "lazy", "parameters", "presets", "seeds"}
@@ -75,7 +75,25 @@ MAY_IMPORT: dict[str, set[str]] = {
     "production": FOUNDATION
     | {"atomic", "generation", "locking", "mesh_io", "particle", "planning", "progress", "sidecar"},
     # populations
-    "database": FOUNDATION | MEASURES | {"generation", "mesh", "particle", "recipe_io"},
+    "population_recipe": FOUNDATION | {"recipe_io"},
+    "database": FOUNDATION
+    | MEASURES
+    | {
+        "atomic",
+        "figures",
+        "generation",
+        "gradation",
+        "locking",
+        "mesh",
+        "parallel",
+        "particle",
+        "planning",
+        "recipe_io",
+        "scans",
+        "soundness",
+        "topology",
+        "warp_runtime",
+    },
     "gradation": {"errors", "parameters", "seeds"},
     "statistics": {"errors"},
     "sensitivity": FOUNDATION | {"descriptors", "generation", "particle", "statistics"},

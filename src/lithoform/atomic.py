@@ -148,6 +148,12 @@ def _cause(error: OSError) -> str:
 def make_folder(folder: Path) -> None:
     """Make a folder, and those above it, where there is none; an `OutputError` if it cannot be made."""
     try:
+        if folder.is_symlink() and not folder.exists():
+            raise OutputError(f"{folder} is a link to a place that does not exist; name a folder.")
+        if folder.exists() and not folder.is_dir():
+            raise OutputError(f"{folder} is a file; name a folder.")
         folder.mkdir(parents=True, exist_ok=True)
+    except OutputError:
+        raise
     except OSError as error:
-        raise OutputError(f"cannot make the folder {folder}: {error.strerror or error}; choose another.") from error
+        raise OutputError(f"the folder {folder} cannot be used: {error.strerror or error}; choose another.") from error

@@ -7,7 +7,7 @@ copied.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from itertools import islice
 from numbers import Integral
@@ -23,7 +23,7 @@ _Result = TypeVar("_Result")
 
 def in_order(
     work: Callable[[_Item], _Result], items: Iterable[_Item], *, threads: int | None = None
-) -> Iterator[_Result]:
+) -> Generator[_Result, None, None]:
     """Results of a function over items, computed by threads, yielded in the order of the items.
 
     Parameters
@@ -51,7 +51,7 @@ def in_order(
     return _stream(work, iter(items), count)
 
 
-def _stream(work: Callable[[_Item], _Result], items: Iterator[_Item], threads: int) -> Iterator[_Result]:
+def _stream(work: Callable[[_Item], _Result], items: Iterator[_Item], threads: int) -> Generator[_Result, None, None]:
     pending: deque[Future[_Result]] = deque()
     executor = ThreadPoolExecutor(threads, thread_name_prefix="lithoform")
     try:

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from lithoform import mesh_io
-from lithoform.atomic import atomic_path, atomic_write, remove_partials
+from lithoform.atomic import atomic_path, atomic_write, make_folder, remove_partials
 from lithoform.errors import FileFormatError, OutputError
 from lithoform.generation import generate_many
 from lithoform.locking import LOCK_FILE, folder_lock
@@ -58,23 +58,10 @@ def open_run(out: Path, plan: Plan, *, overwrite: bool = False, resume: bool = F
         If the folder has other content and neither option is given, holds a run of another plan or files in the
         way that no run of this program wrote, cannot be made, or another run is writing into it.
     """
-    _make_folder(out)
+    make_folder(out)
     with folder_lock(out):
         _prepare(out, plan, overwrite=overwrite, resume=resume)
         yield
-
-
-def _make_folder(out: Path) -> None:
-    try:
-        if out.is_symlink() and not out.exists():
-            raise OutputError(f"{out} is a link to a place that does not exist; name a folder for the particles.")
-        if out.exists() and not out.is_dir():
-            raise OutputError(f"{out} is a file; name a folder for the particles.")
-        out.mkdir(parents=True, exist_ok=True)
-    except OutputError:
-        raise
-    except OSError as error:
-        raise OutputError(f"the folder {out} cannot be used: {error.strerror}.") from error
 
 
 def _prepare(out: Path, plan: Plan, *, overwrite: bool, resume: bool) -> None:

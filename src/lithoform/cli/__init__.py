@@ -14,6 +14,7 @@ from cyclopts import App, CycloptsError
 
 from lithoform import __version__
 from lithoform.cli.checking import check
+from lithoform.cli.database import database
 from lithoform.cli.generating import generate
 from lithoform.cli.laboratory import laboratory
 from lithoform.cli.measuring import measure, picture
@@ -25,14 +26,14 @@ __all__ = ["app", "main"]
 
 app = App(
     name="lithoform",
-    help="""Simulation-ready virtual rock particles: generate, check, measure and picture them.
+    help="""Simulation-ready virtual rock particles: generate, check, measure, picture and compare them.
 
 **Example:** `lithoform generate stones --count 12 --picture`""",
     version=__version__,
     help_format="markdown",
     suppress_keyboard_interrupt=False,  # `main` tells it
 )
-for _command in (generate, check, measure, laboratory, picture, reproduce):
+for _command in (generate, check, measure, laboratory, picture, database, reproduce):
     app.command(_command)
 
 

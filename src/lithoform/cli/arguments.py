@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter, Token
 
-__all__ = ["Flag", "Json", "Whole"]
+__all__ = ["Flag", "Json", "Whole", "words"]
 
 Flag = Annotated[bool, Parameter(negative="")]
 Json = Annotated[bool, Parameter(name="--json", negative="")]
@@ -25,3 +25,8 @@ def _whole(_: Any, tokens: Sequence[Token]) -> int:
 
 
 Whole = Annotated[int, Parameter(converter=_whole)]
+
+
+def words(given: list[str] | None) -> list[str]:
+    """Words separated by commas, by spaces, or given one an option."""
+    return [word for text in given or [] for word in text.split(",") if word]

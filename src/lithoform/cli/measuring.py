@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import shutil
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from lithoform.cli.arguments import Flag, Json, Whole
-from lithoform.cli.output import say
+from lithoform.cli.arguments import Flag, Json, Whole, words
+from lithoform.cli.output import opened, say, say_table
 
 if TYPE_CHECKING:
     from lithoform.survey import Row
@@ -80,14 +79,14 @@ def measure(
     from lithoform.scans.reading import find_scans
     from lithoform.survey import rows_to_csv, survey
 
-    asked = _words(descriptors) if descriptors is not None else None
+    asked = words(descriptors) if descriptors is not None else None
     if not files:
         given = "; every word after --descriptors is taken for the name of one" if asked else ""
         raise FileFormatError(f"expected at least one file or folder, such as lithoform measure stones{given}.")
     names, unit = resolve_names(asked), known_key("unit", unit, UNITS)
     paths = find_scans(files)
     stream = survey(paths, names, unit=unit, triangles=triangles, box=box, scale=scale)  # type: ignore[arg-type]
-    with _opened(csv) as table:
+    with opened(csv) as table:
         rows = list(track(stream, total=len(paths), what="particles", enabled=len(paths) > 1))
         if table is not None:
             table.write_bytes(rows_to_csv(rows, names, {"unit": unit, "box": box, "roundness_scale": scale}))
@@ -100,18 +99,6 @@ def measure(
         if csv is not None:
             say(f"{len(rows)} rows: {csv}")
     return 2 if any(row.error for row in rows) else 0
-
-
-@contextlib.contextmanager
-def _opened(path: Path | None) -> Iterator[Path | None]:
-    """A file that is written when the work is done, but refused before, if it cannot be."""
-    from lithoform.atomic import atomic_path
-
-    if path is None:
-        yield None
-        return
-    with atomic_path(path) as partial:
-        yield partial
 
 
 def _print_table(rows: list[Row], heads: dict[str, str], *, unit: str) -> None:
@@ -132,10 +119,8 @@ def _print_table(rows: list[Row], heads: dict[str, str], *, unit: str) -> None:
         for line in table:
             # Its end tells more of a file than its folders.
             line[0] = line[0] if len(line[0]) <= room else "..." + line[0][3 - room :]
-    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
-    for line in table if len(table) > 1 else []:
-        aligned = [line[0].ljust(widths[0]), *(w.rjust(n) for w, n in zip(line[1:], widths[1:], strict=True))]
-        say("  ".join(aligned).rstrip())
+    if len(table) > 1:
+        say_table(table)
 
 
 def _print_notes(rows: Sequence[Row]) -> None:
@@ -195,8 +180,8 @@ def picture(
     from lithoform.scans.reading import read_scan
 
     require_pictures()
-    layers = _words(show) or list(LAYERS)
-    with _opened(out) as drawing:
+    layers = words(show) or list(LAYERS)
+    with opened(out) as drawing:
         scan = read_scan(file, unit=unit)
         pixels, found = portrait(scan.mesh, show=layers, box=box, scale=scale)  # type: ignore[arg-type]
         if drawing is not None:
@@ -209,8 +194,3 @@ def picture(
         say(f"{file}: {text}")
     say(f"{out}: {', '.join(f'{name} {value:.3f}' for name, value in found.items())}")
     return 0
-
-
-def _words(given: list[str] | None) -> list[str]:
-    """Words separated by commas, by spaces, or given one an option."""
-    return [word for text in given or [] for word in text.split(",") if word]

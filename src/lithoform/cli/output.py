@@ -6,10 +6,12 @@ import contextlib
 import io
 import os
 import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
 
 from lithoform.errors import OutputError
 
-__all__ = ["drop_output", "one_line", "open_output", "say"]
+__all__ = ["drop_output", "one_line", "open_output", "opened", "say", "say_table"]
 
 
 def open_output() -> None:
@@ -41,3 +43,23 @@ def one_line(error: Exception) -> str:
     """The message of an error without its line breaks."""
     text = str(error) or type(error).__name__
     return " ".join(line.strip() for line in text.splitlines() if line.strip())
+
+
+@contextlib.contextmanager
+def opened(path: Path | None) -> Iterator[Path | None]:
+    """A file that is written when the work is done, but refused before, if it cannot be."""
+    from lithoform.atomic import atomic_path
+
+    if path is None:
+        yield None
+        return
+    with atomic_path(path) as partial:
+        yield partial
+
+
+def say_table(rows: Sequence[Sequence[str]]) -> None:
+    """Print rows in columns, the first to the left and the others to the right."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for row in rows:
+        aligned = [row[0].ljust(widths[0]), *(w.rjust(n) for w, n in zip(row[1:], widths[1:], strict=True))]
+        say("  ".join(aligned).rstrip())

@@ -1,0 +1,1 @@
+"""Databases of particles: a folder of Parquet files that any tool opens."""

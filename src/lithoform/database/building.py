@@ -1,0 +1,239 @@
+"""Building a database: recipes drawn in each class, generated, checked, measured, stored batch by batch."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from lithoform.database.engine import ClusterError, spread
+from lithoform.database.schema import mesh_row, mesh_table, particle_schema, recipe_values, shape_values
+from lithoform.database.store import Source, Store, new_source
+from lithoform.descriptors.body import Body, BoxKind
+from lithoform.descriptors.measuring import measure, resolve_names
+from lithoform.errors import DeviceError, LithoformError, UnsoundMeshError
+from lithoform.generation import generate, generate_many
+from lithoform.parameters import Recipe
+from lithoform.particle import Particle
+from lithoform.planning import Plan
+from lithoform.presets import shape_class_of
+from lithoform.sidecar import program_version
+from lithoform.topology import sphere
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+__all__ = ["Measures", "batch_size", "build", "carry_out", "guarded"]
+
+
+@dataclass(frozen=True)
+class Measures:
+    """What is measured of every particle of a source, and whether its mesh is kept.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of `DESCRIPTORS`, or the sets "four", "standard", "all"; Zingg's class is always measured.
+    box : {"principal", "solid", "vertices", "minimum"}
+    scale : float
+        Of the roundness.
+    keep_meshes : bool
+    """
+
+    names: tuple[str, ...] = ("standard",)
+    box: BoxKind = "principal"
+    scale: float = 0.25
+    keep_meshes: bool = False
+
+    def resolved(self) -> Measures:
+        """The same with the names of descriptors alone; an error of `measure` if something is unknown."""
+        Body(sphere("octahedral", 1), box=self.box, scale=self.scale)
+        return replace(self, names=tuple(dict.fromkeys((*resolve_names(self.names), "zingg_class"))))
+
+    def row(self, mesh: Any) -> dict[str, Any]:
+        """Columns of a mesh [m]."""
+        found = measure(mesh, self.names, box=self.box, scale=self.scale)
+        return shape_values(mesh, found, box=self.box, scale=self.scale)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values."""
+        return {"descriptors": list(self.names), "box": self.box, "scale": self.scale}
+
+
+def batch_size(count: int, *, keep_meshes: bool) -> int:
+    """Particles a batch: so few that little is lost when a build is stopped, so many that a million are 1,000 files."""
+    return max(25, min(-(-count // 200), 50 if keep_meshes else 1000))
+
+
+def build(
+    folder: str | Path,
+    plan: Plan,
+    measures: Measures | None = None,
+    *,
+    source: str = "generated",
+    workers: int | None = None,
+    scheduler: str | None = None,
+    device: str = "auto",
+) -> Iterator[int]:
+    """Generate, check, measure and store the particles of a plan that are not there yet.
+
+    Parameters
+    ----------
+    folder : path-like
+        A database, or a new or empty folder.
+    plan : Plan
+        Its particles are those that `lithoform generate` makes with the same options.
+    measures : Measures, optional
+    source : str
+        Name of these particles in the database.
+    workers, scheduler
+        As `lithoform.database.engine.spread`.
+    device : {"auto", "cpu", "cuda"}
+        Where noise fields are evaluated.
+
+    Yields
+    ------
+    int
+        Number of each particle once its row is on the disk; first those that were there, in order, then the new ones
+        as batches are done.
+
+    Raises
+    ------
+    OutputError, FileFormatError
+        As `Store.writing` and `Store.add`, and if a batch cannot be written; the batches before it are kept.
+    RecipeError, MeshError, ClusterError
+        If the plan, the measures or the workers are not what they should be; before any work.
+
+    Notes
+    -----
+    Stopped at any moment and called again with the same arguments it ends with the files of a run that was not stopped,
+    bit for bit: a batch depends on the plan alone.  A recipe of which no sound mesh can be made has a row with the
+    reason in the column error.
+    """
+    measures = (measures or Measures()).resolved()
+    plan.validate()
+    told = {**{k: v for k, v in plan.as_dict().items() if k not in ("count", "format", "unit")}, **measures.as_dict()}
+    size = batch_size(plan.count, keep_meshes=measures.keep_meshes)
+    entry = new_source(source, "generated", plan.count, batch=size, keeps_meshes=measures.keep_meshes, plan=told)
+    job = {"plan": plan, "measures": measures, "device": device}
+    return carry_out(folder, entry, _generated_rows, job, workers=workers, scheduler=scheduler)
+
+
+def carry_out(
+    folder: str | Path,
+    source: Source,
+    rows_of: Any,
+    job: dict[str, Any],
+    *,
+    workers: int | None,
+    scheduler: str | None,
+) -> Iterator[int]:
+    """Batches of a source that are missing or damaged are made and stored; the numbers of all are yielded.
+
+    Parameters
+    ----------
+    folder : path-like
+    source : Source
+    rows_of : callable
+        A function of a module: of a job and a range of numbers, an iterator of rows with their meshes or None.
+    job : dict
+        What `rows_of` needs, in plain values.
+    workers, scheduler
+        As `spread`.
+    """
+    with Store.writing(folder) as store:
+        store.add(source)
+        open_batches = []
+        there = set(store.present(source))
+        for batch in range(1, source.batches + 1):
+            if batch in there and not store.damaged(source, batch):
+                yield from source.numbers(batch)
+            else:
+                open_batches.append(batch)
+        if not open_batches:
+            return
+        jobs = ((rows_of, job, source, batch) for batch in open_batches)
+        # Closed here, so that workers end before the folder is free for another run.
+        with contextlib.closing(spread(make_batch, jobs, workers=workers, scheduler=scheduler)) as results:
+            for batch, version, rows, meshes in results:
+                if version != source.lithoform:
+                    raise ClusterError(
+                        f"the workers run lithoform {version}, and this is {source.lithoform}: install the same there."
+                    )
+                store.write(source, batch, rows, meshes)
+                yield from source.numbers(batch)
+
+
+def make_batch(job: tuple[Any, dict[str, Any], Source, int]) -> tuple[int, str, pa.Table, pa.Table | None]:
+    """A batch, its number, and the version that made it: the work of one worker."""
+    import pyarrow as pa
+
+    rows_of, content, source, batch = job
+    rows, meshes = [], []
+    for number, (row, mesh) in zip(source.numbers(batch), rows_of(content, source.numbers(batch)), strict=True):
+        rows.append(
+            {"source": source.name, "number": number, "kind": source.kind, "lithoform": program_version(), **row}
+        )
+        if source.keeps_meshes and mesh is not None:
+            meshes.append(mesh_row(source.name, number, mesh))
+    table = pa.Table.from_pylist(rows, schema=particle_schema())
+    return batch, program_version(), table, mesh_table(meshes) if source.keeps_meshes else None
+
+
+def guarded(row: dict[str, Any], work: Any) -> tuple[dict[str, Any], Any]:
+    """A row with what some work adds to it, and its mesh; where the work fails, with the reason instead."""
+    try:
+        more, mesh = work()
+    except MemoryError:
+        raise
+    except LithoformError as error:
+        return {**row, "error": " ".join(str(error).split())}, None
+    except Exception as error:
+        # A fault of ours or of a library in one particle is no reason to lose a long build.
+        text = " ".join(str(error).split())
+        return {**row, "error": f"it failed unexpectedly ({type(error).__name__}: {text})."}, None
+    return {**row, **more}, mesh
+
+
+def _generated_rows(job: dict[str, Any], numbers: Sequence[int]) -> Iterator[tuple[dict[str, Any], Any]]:
+    plan, measures, device = job["plan"], job["measures"], job["device"]
+    recipes = [plan.recipe(number) for number in numbers]
+    for number, recipe, particle in zip(numbers, recipes, _particles(recipes, device), strict=True):
+        shape_class = plan.class_of(number) or shape_class_of(recipe.size)
+        row = {"class": shape_class, **recipe_values(recipe)}
+        yield guarded(row, lambda particle=particle: _measured(particle, measures))
+
+
+def _particles(recipes: list[Recipe], device: str) -> list[Particle | Exception]:
+    """Particles, all at once for a GPU's sake; if one fails, each by itself."""
+    try:
+        return list(generate_many(recipes, device=device, threads=1))
+    except DeviceError:
+        raise
+    except Exception:
+        return [_attempt(recipe, device) for recipe in recipes]
+
+
+def _attempt(recipe: Recipe, device: str) -> Particle | Exception:
+    try:
+        return generate(recipe, device=device)
+    except Exception as error:
+        return error  # for `guarded` to sort
+
+
+def _measured(particle: Particle | Exception, measures: Measures) -> tuple[dict[str, Any], Any]:
+    if isinstance(particle, UnsoundMeshError):
+        # The recipe is in the row already.
+        raise LithoformError(str(particle).partition("  The recipe:")[0])
+    if isinstance(particle, Exception):
+        raise particle
+    how = particle.provenance
+    provenance = {
+        "certificate": how["certificate"],
+        "relaxed_vertices": how["relaxed_vertices"],
+        "relaxation_rounds": how["relaxation_rounds"],
+        "used_flatten_band": how["flatten_band"],
+    }
+    return {**provenance, **measures.row(particle.mesh)}, particle.mesh
