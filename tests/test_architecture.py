@@ -88,6 +88,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "parallel",
         "particle",
         "planning",
+        "progress",
         "recipe_io",
         "scans",
         "soundness",
@@ -104,13 +105,14 @@ MAY_IMPORT: dict[str, set[str]] = {
     "export": {"dem", "errors", "mesh"},
     # results in, pictures and pages out; nothing is computed anew
     "rendering": {"errors", "mesh"},
-    "figures": FOUNDATION | {"atomic", "descriptors", "mesh", "rendering", "topology"},
+    "figures": FOUNDATION | {"atomic", "descriptors", "mesh", "rendering", "statistics", "topology"},
     "survey": {"descriptors", "errors", "mesh_io", "parallel", "scans", "topology"},
     "portrait": {"descriptors", "errors", "figures", "parameters"},
     "run_report": {"figures", "mesh_io", "planning", "production", "sidecar"},
     "reproduce": FOUNDATION
     | {
         "atomic",
+        "database",
         "descriptors",
         "feasibility",
         "figures",
@@ -121,10 +123,15 @@ MAY_IMPORT: dict[str, set[str]] = {
         "portrait",
         "progress",
         "rendering",
+        "report",
+        "scans",
         "simplification",
+        "statistics",
+        "survey",
         "warp_runtime",
     },
-    "report": {"errors", "figures", "mesh", "parameters"},
+    "report": {"database", "errors", "statistics"},
+    "comparison_report": {"atomic", "descriptors", "errors", "figures", "report", "sidecar", "statistics"},
 }
 # On top: these may import everything below them, `__init__` so as to hand it on.
 MAY_IMPORT["__init__"] = set(MAY_IMPORT)

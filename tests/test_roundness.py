@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
 from lithoform import benchmark_recipe, database_recipe, generate
+from lithoform.descriptors.curvature import largest_curvatures
 from lithoform.descriptors.inscribed import inscribed_sphere
 from lithoform.descriptors.roundness import corner_weights, roundness
 from lithoform.descriptors.solids import Sphere
@@ -246,6 +247,49 @@ def test_a_needle_of_slivers_takes_little_memory():
     surfels = bin_surfels(mesh, surface_frame(mesh), 1e-7)
     assert len(surfels.areas) < 2.1e6
     assert surfels.areas.sum() == pytest.approx(2.0 * math.pi * 1e-6, rel=0.2)
+
+
+def curvatures_by_least_squares(field, scale: float) -> np.ndarray:
+    """The definition surfel by surfel: mean normal within l / 2, then n = n0 + K x on its side by NumPy's lstsq."""
+    p, n, areas = field.positions, field.normals, field.areas
+    tree, out = cKDTree(p), np.zeros(len(p))
+    for i in range(len(p)):
+        near = np.array(tree.query_ball_point(p[i], 0.5 * scale))
+        x, cosine = p[near] - p[i], n[near] @ n[i]
+        w = areas[near] * (1.0 - (x**2).sum(axis=1) / (0.5 * scale) ** 2)
+        rise = np.maximum((x * n[near]).sum(axis=1), 0.0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            meets = np.maximum(1.0 - rise**2 / (1.0 - cosine**2) / (0.5 * scale) ** 2, 0.0)
+        meets = np.where((cosine > -0.9) & (x @ n[i] <= 0.0), meets, 0.0)
+        facing = ((w * np.where(cosine > -0.1, 1.0, meets))[:, None] * n[near]).sum(axis=0)
+        facing /= np.linalg.norm(facing)
+        u = np.linalg.svd(facing[None])[2][1:]
+        reach = scale
+        for _ in range(9):
+            near = np.array(tree.query_ball_point(p[i], reach))
+            near = near[n[near] @ facing > 0.3]
+            if len(near) >= 10:
+                break
+            reach *= 1.3
+        (x, y), (a, b) = u @ (p[near] - p[i]).T, u @ n[near].T
+        root = np.sqrt(areas[near]) * (1.0 - ((p[near] - p[i]) ** 2).sum(axis=1) / reach**2)
+        zero, one = np.zeros_like(x), np.ones_like(x)
+        rows = np.stack([np.concatenate(c) for c in ((one, zero), (zero, one), (x, zero), (y, x), (zero, y))], axis=1)
+        twice = np.concatenate([root, root])
+        fit = np.linalg.lstsq(rows * twice[:, None], twice * np.concatenate([a, b]), rcond=None)[0]
+        out[i] = np.linalg.eigvalsh([[fit[2], fit[3]], [fit[3], fit[4]]])[1]
+    return out
+
+
+@pytest.mark.parametrize(("cell", "scale"), [(0.18, 0.5), (0.2, 0.3)])
+@pytest.mark.parametrize("name", ["stone", "tetrahedron"])
+def test_curvatures_are_the_fit_that_they_are_said_to_be(name, cell, scale):
+    # The smaller scale finds fewer than ten neighbours on many surfels, and widens.
+    mesh = stone("blade", 1, 5_000) if name == "stone" else bodies.tetrahedron()
+    radius = inscribed_sphere(mesh).radius
+    field = largest_curvatures(bin_surfels(mesh, surface_frame(mesh), cell * radius), scale * radius)
+    expected = curvatures_by_least_squares(field, scale * radius)
+    assert field.curvatures * radius == pytest.approx(expected * radius, abs=1e-9)
 
 
 def test_value_is_the_weighted_mean_of_its_surfels():

@@ -14,6 +14,7 @@ from cyclopts import App, CycloptsError
 
 from lithoform import __version__
 from lithoform.cli.checking import check
+from lithoform.cli.comparing import compare
 from lithoform.cli.database import database
 from lithoform.cli.generating import generate
 from lithoform.cli.laboratory import laboratory
@@ -33,7 +34,7 @@ app = App(
     help_format="markdown",
     suppress_keyboard_interrupt=False,  # `main` tells it
 )
-for _command in (generate, check, measure, laboratory, picture, database, reproduce):
+for _command in (generate, check, measure, laboratory, picture, database, compare, reproduce):
     app.command(_command)
 
 

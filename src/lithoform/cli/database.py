@@ -12,12 +12,16 @@ from typing import Annotated, Any
 from cyclopts import App, Parameter
 
 from lithoform.cli.arguments import Flag, Json, Whole, words
+from lithoform.cli.database_contents import export, grade, show
 from lithoform.cli.output import opened, say, say_table
 from lithoform.errors import RecipeError
 
 __all__ = ["database"]
 
 database = App(name="database", help="Databases of particles: build, import, show, query, export, grade.")
+
+for _command in (show, export, grade):
+    database.command(_command)
 
 _SHOWN = 40
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import signal
 import tempfile
 from collections.abc import Callable, Generator, Iterable, Iterator
 from importlib.metadata import version as _version_of
@@ -130,6 +131,17 @@ def _require_same_version(client: Any) -> None:
             raise ClusterError(f"the worker {worker} has {theirs}, and this is {ours}: install the same there.")
 
 
+def _deaf_to_interrupts() -> Any:
+    """What keeps local workers from ending, with a traceback each, at the Ctrl-C that is meant for this process."""
+    from distributed import WorkerPlugin
+
+    class Deaf(WorkerPlugin):
+        def setup(self, worker: Any) -> None:
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+    return Deaf()
+
+
 @contextlib.contextmanager
 def _client(workers: int, scheduler: str | None) -> Iterator[Any]:
     """A client of a running cluster, or of local processes that end with it."""
@@ -143,11 +155,12 @@ def _client(workers: int, scheduler: str | None) -> Iterator[Any]:
         try:
             if scheduler is None:
                 folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="lithoform-"))
-                cluster = LocalCluster(  # no dashboard: None is what says so
-                    n_workers=workers, threads_per_worker=1, processes=True, host="127.0.0.1", dashboard_address=None,  # pyright: ignore[reportArgumentType]
+                cluster = LocalCluster(  # its dashboard on any port that is free, or two builds would want one
+                    n_workers=workers, threads_per_worker=1, processes=True, host="127.0.0.1", dashboard_address="127.0.0.1:0",
                     memory_limit=0, local_directory=folder, silence_logs=logging.CRITICAL,
                 )  # fmt: skip
                 client = stack.enter_context(Client(stack.enter_context(cluster)))
+                client.register_plugin(_deaf_to_interrupts())
             else:
                 client = stack.enter_context(Client(scheduler, timeout=_PATIENCE))
                 client.wait_for_workers(1, timeout=_PATIENCE)

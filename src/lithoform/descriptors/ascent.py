@@ -194,33 +194,28 @@ def _solve(
 
 
 @wp.func
-def _list_near(
+def _distance(
     row: wp.int32,
     x: wp.vec3d,
-    slack: wp.float64,
     vertices: wp.array(dtype=wp.vec3d),
     faces: wp.array(dtype=wp.vec3i),
     middles: wp.array(dtype=wp.vec3d),
     reaches: wp.array(dtype=wp.float64),
     gaps: wp.array2d(dtype=wp.float64),
-    near: wp.array2d(dtype=wp.int32),
-) -> wp.int32:
-    """List the faces that may be within `slack` of the nearest one; returns their number."""
+) -> wp.float64:
+    """Distance to the nearest face; leaves a lower bound of the distance to each in `gaps`."""
     upper = wp.float64(1.0e300)
     for i in range(faces.shape[0]):
         away = wp.length(x - middles[i])
         gaps[row, i] = away - reaches[i]
         upper = wp.min(upper, away)
+    nearest = wp.float64(1.0e300)
     for i in range(faces.shape[0]):
-        if gaps[row, i] < upper:
+        if gaps[row, i] <= upper:
             f = faces[i]
-            upper = wp.min(upper, wp.length(x - _closest(vertices[f[0]], vertices[f[1]], vertices[f[2]], x)))
-    count = wp.int32(0)
-    for i in range(faces.shape[0]):
-        if gaps[row, i] <= upper + slack:
-            near[row, count] = i
-            count += 1
-    return count
+            nearest = wp.min(nearest, wp.length(x - _closest(vertices[f[0]], vertices[f[1]], vertices[f[2]], x)))
+            upper = wp.min(upper, nearest)
+    return nearest
 
 
 @wp.kernel(enable_backward=False)
@@ -251,18 +246,17 @@ def ascent_kernel(
     outside = wp.bool(False)
     for step in range(most_steps):
         if wp.length(x - listed_at) + _CORNER * tau > listed_reach or step == 0:
+            d = _distance(row, x, vertices, faces, middles, reaches, gaps)
             if step == 0:
-                # Nothing is known of the distance yet: list the nearest alone to learn it.
-                count = _list_near(row, x, wp.float64(0.0), vertices, faces, middles, reaches, gaps, near)
-                d = wp.float64(1.0e300)
-                for k in range(count):
-                    f = faces[near[row, k]]
-                    d = wp.min(d, wp.length(x - _closest(vertices[f[0]], vertices[f[1]], vertices[f[2]], x)))
                 tau = first_step * d
             listed_at = x
             listed_reach = wp.float64(2.0) * _CORNER * tau
-            slack = wp.float64(2.0) * listed_reach
-            count = _list_near(row, x, slack, vertices, faces, middles, reaches, gaps, near)
+            limit = d + wp.float64(2.0) * listed_reach
+            count = wp.int32(0)
+            for i in range(faces.shape[0]):
+                if gaps[row, i] <= limit:
+                    near[row, count] = i
+                    count += 1
         d = wp.float64(1.0e300)
         for k in range(count):
             f = faces[near[row, k]]

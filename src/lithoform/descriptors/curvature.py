@@ -6,14 +6,14 @@ from typing import Final
 
 import numpy as np
 
-from lithoform.descriptors.surfels import Surfels
+from lithoform.descriptors.surfels import SurfelGrid, Surfels, cell_at, surfel_grid
 from lithoform.warp_runtime import MODULE_OPTIONS, load, shared_array, wp
 
-__all__ = ["SurfelField", "largest_curvatures"]
+__all__ = ["SAME_SIDE", "SurfelField", "largest_curvatures"]
 
 wp.set_module_options(MODULE_OPTIONS)
 
-_SAME_SIDE: Final = wp.constant(wp.float64(0.3))
+SAME_SIDE: Final = wp.constant(wp.float64(0.3))
 """Least cosine to the mean normal of a place of normals that count as its side of the body: 73 degrees."""
 
 _NOT_OPPOSITE: Final = wp.constant(wp.float64(-0.1))
@@ -31,56 +31,22 @@ _FEWEST: Final = wp.constant(10)
 """Neighbours, the surfel itself included, below which the scale is widened for it."""
 
 _WIDENING: Final = wp.constant(wp.float64(1.3))
-_MOST_WIDENINGS: Final = wp.constant(9)
+_MOST_WIDENINGS: Final = wp.constant(8)
 
 _FLAT: Final = wp.constant(wp.float64(1.0e-10))
 """Neighbours are in one line where det / trace^2 of their second moment is below this."""
 
+_LANES: Final = 8
+"""Neighbours taken at a time: compilers turn operations on eight numbers into vector instructions, and the order of
+the sums is the same on every processor."""
 
-_MOST_BUCKETS: Final = 400_000
-"""Cells of the search grid; they grow for very long bodies, whose bounding box is mostly empty."""
+_Lanes: Final = wp.types.vector(length=_LANES, dtype=wp.float64)
 
+_SUMS: Final = 7
+"""Row of the table of neighbours where sums are kept; rows 0 to 2 hold positions, 3 to 5 normals, 6 areas."""
 
-@wp.kernel(enable_backward=False)
-def _sort_kernel(
-    positions: wp.array(dtype=wp.vec3d),
-    normals: wp.array(dtype=wp.vec3d),
-    areas: wp.array(dtype=wp.float64),
-    low: wp.vec3d,
-    cell: wp.float64,
-    shape: wp.vec3i,
-    starts: wp.array(dtype=wp.int32),
-    buckets: wp.array(dtype=wp.int32),
-    sorted_positions: wp.array(dtype=wp.vec3d),
-    sorted_normals: wp.array(dtype=wp.vec3d),
-    sorted_areas: wp.array(dtype=wp.float64),
-):
-    """Counting sort by grid cell (one thread; stable, so that the order is always the same)."""
-    n = positions.shape[0]
-    for c in range(starts.shape[0]):
-        starts[c] = 0
-    for i in range(n):
-        q = (positions[i] - low) / cell
-        c = (wp.int32(q[0]) * shape[1] + wp.int32(q[1])) * shape[2] + wp.int32(q[2])
-        buckets[i] = c
-        starts[c + 2] = starts[c + 2] + 1
-    for c in range(starts.shape[0] - 1):
-        starts[c + 1] = starts[c + 1] + starts[c]
-    # starts[c + 1] is now the first place of cell c; after the filling it is its end, the start of cell c + 1.
-    for i in range(n):
-        place = starts[buckets[i] + 1]
-        starts[buckets[i] + 1] = place + 1
-        sorted_positions[place] = positions[i]
-        sorted_normals[place] = normals[i]
-        sorted_areas[place] = areas[i]
-
-
-@wp.func
-def _cell_range(x: wp.float64, reach: wp.float64, cell: wp.float64, last: wp.int32):
-    """First and last cell of the grid that an interval around x meets."""
-    first = wp.int32(wp.max(x - reach, wp.float64(0.0)) / cell)
-    end = wp.int32(wp.max(x + reach, wp.float64(0.0)) / cell)
-    return wp.min(first, last), wp.min(end, last)
+_MARGIN: Final = wp.constant(wp.float64(1.000001))
+"""Factor of a squared distance to a box, so that rounding leaves out no neighbour."""
 
 
 @wp.func
@@ -92,127 +58,222 @@ def _tangent(n: wp.vec3d) -> wp.vec3d:
     return wp.normalize(wp.vec3d(-n[2], zero, n[0]))
 
 
-@wp.kernel(enable_backward=False)
-def _facing_kernel(
-    positions: wp.array(dtype=wp.vec3d),
-    normals: wp.array(dtype=wp.vec3d),
-    areas: wp.array(dtype=wp.float64),
-    starts: wp.array(dtype=wp.int32),
-    low: wp.vec3d,
-    cell: wp.float64,
-    shape: wp.vec3i,
+@wp.func
+def _at_least(v: _Lanes, limit: wp.float64) -> _Lanes:
+    return wp.max(v, _Lanes(limit))
+
+
+@wp.func
+def _positive(v: _Lanes) -> _Lanes:
+    """1 where v > 0, else 0."""
+    return _at_least(-wp.sign(-v), wp.float64(0.0))
+
+
+@wp.func
+def _along(x: _Lanes, y: _Lanes, z: _Lanes, v: wp.vec3d) -> _Lanes:
+    return x * v[0] + y * v[1] + z * v[2]
+
+
+@wp.func
+def _product(a_x: _Lanes, a_y: _Lanes, a_z: _Lanes, b_x: _Lanes, b_y: _Lanes, b_z: _Lanes) -> _Lanes:
+    return wp.cw_mul(a_x, b_x) + wp.cw_mul(a_y, b_y) + wp.cw_mul(a_z, b_z)
+
+
+@wp.func
+def _total(q: wp.int32, table: wp.array2d(dtype=wp.float64)) -> wp.float64:
+    """One of the sums over its lanes; from memory, since in registers the compiler shuffles more than it adds."""
+    total = table[_SUMS, q * _LANES]
+    for k in range(1, _LANES):
+        total += table[_SUMS, q * _LANES + wp.int32(k)]
+    return total
+
+
+@wp.func
+def _filled_up(count: wp.int32, place: wp.vec3d, table: wp.array2d(dtype=wp.float64)) -> wp.int32:
+    """Fill up the last block with neighbours without area or normal; returns the number of blocks."""
+    blocks = (count + _LANES - 1) / _LANES
+    for t in range(count, blocks * _LANES):
+        for k in range(3):
+            table[k, t] = place[k]
+            table[k + 3, t] = wp.float64(0.0)
+        table[6, t] = wp.float64(0.0)
+    return blocks
+
+
+@wp.func
+def _list_neighbours(
+    first: wp.vec3d,
+    last: wp.vec3d,
     reach: wp.float64,
-    facings: wp.array(dtype=wp.vec3d),
+    grid: SurfelGrid,
+    table: wp.array2d(dtype=wp.float64),
 ):
-    """Mean normal around each surfel: halfway between the faces near a sharp edge.
+    """List the surfels within `reach` of a box: number of blocks within half of it, and of the others.
+
+    The first list begins at column 0 of the table, the second in its middle.
+    """
+    middle = wp.float64(0.5) * (first + last)
+    half = wp.float64(0.5) * (last - first)
+    limit = reach * reach * _MARGIN
+    near_limit = wp.float64(0.25) * limit
+    beyond = table.shape[1] / 2
+    near = wp.int32(0)
+    far = beyond
+    around = wp.vec3d(reach, reach, reach)
+    begin = cell_at(grid, first - around)
+    end = cell_at(grid, last + around)
+    for a in range(begin[0], end[0] + 1):
+        for b in range(begin[1], end[1] + 1):
+            base = (a * grid.shape[1] + b) * grid.shape[2]
+            for j in range(grid.starts[base + begin[2]], grid.starts[base + end[2] + 1]):
+                p = grid.positions[j]
+                n = grid.normals[j]
+                outside = wp.max(wp.abs(p - middle) - half, wp.vec3d())
+                square = wp.length_sq(outside)
+                # Written in any case, and kept by moving on: a branch would be guessed wrong every few times.
+                t = wp.where(square < near_limit, near, far)
+                for k in range(3):
+                    table[k, t] = p[k]
+                    table[k + 3, t] = n[k]
+                table[6, t] = grid.areas[j]
+                is_near = wp.int32(square < near_limit)
+                near += is_near
+                far += wp.int32(square < limit) - is_near
+    return _filled_up(near, middle, table), _filled_up(far, middle, table) - beyond / _LANES
+
+
+@wp.func
+def _mean_normal(
+    reach: wp.float64,
+    centre: wp.vec3d,
+    own: wp.vec3d,
+    blocks: wp.int32,
+    table: wp.array2d(dtype=wp.float64),
+    lanes: wp.array2d(dtype=_Lanes),
+) -> wp.vec3d:
+    """Mean normal around a surfel: halfway between the faces near a sharp edge.
 
     Planes through this surfel (normal m) and another at p (normal n, m . n = c) meet at the distance
     p . n / sqrt(1 - c^2) from this one, where the edge between them is convex.
     """
-    i = wp.tid()
-    centre = positions[i]
-    own = normals[i]
-    from_low = centre - low
-    mean = wp.vec3d(wp.float64(0.0), wp.float64(0.0), wp.float64(0.0))
+    zero = wp.float64(0.0)
+    one = _Lanes(wp.float64(1.0))
+    x_sum = _Lanes(zero)
+    y_sum = _Lanes(zero)
+    z_sum = _Lanes(zero)
     per_square = wp.float64(1.0) / (reach * reach)
-    a0, a1 = _cell_range(from_low[0], reach, cell, shape[0] - 1)
-    b0, b1 = _cell_range(from_low[1], reach, cell, shape[1] - 1)
-    c0, c1 = _cell_range(from_low[2], reach, cell, shape[2] - 1)
-    for a in range(a0, a1 + 1):
-        for b in range(b0, b1 + 1):
-            base = (a * shape[1] + b) * shape[2]
-            for j in range(starts[base + c0], starts[base + c1 + 1]):
-                p = positions[j] - centre
-                nearness = wp.float64(1.0) - wp.length_sq(p) * per_square
-                if nearness > wp.float64(0.0):
-                    n = normals[j]
-                    cosine = wp.dot(n, own)
-                    if cosine <= _NOT_OPPOSITE:
-                        if cosine > _OPPOSITE and wp.dot(p, own) <= wp.float64(0.0):
-                            rise = wp.max(wp.dot(p, n), wp.float64(0.0))
-                            square = rise * rise / (wp.float64(1.0) - cosine * cosine)
-                            nearness *= wp.max(wp.float64(1.0) - square * per_square, wp.float64(0.0))
-                        else:
-                            nearness = wp.float64(0.0)
-                    mean += (areas[j] * nearness) * n
-    facings[i] = wp.normalize(mean)
+    for t in range(blocks):
+        x = lanes[0, t] - _Lanes(centre[0])
+        y = lanes[1, t] - _Lanes(centre[1])
+        z = lanes[2, t] - _Lanes(centre[2])
+        n_x = lanes[3, t]
+        n_y = lanes[4, t]
+        n_z = lanes[5, t]
+        nearness = _at_least(one - _product(x, y, z, x, y, z) * per_square, zero)
+        cosine = _along(n_x, n_y, n_z, own)
+        rise = _at_least(_product(x, y, z, n_x, n_y, n_z), zero)
+        # Where it counts this is 0.19 at least: the bound only keeps the others from dividing by 0.
+        across = _at_least(one - wp.cw_mul(cosine, cosine), wp.float64(0.1))
+        meeting = _at_least(one - wp.cw_div(wp.cw_mul(rise, rise), across) * per_square, zero)
+        convex = one - _positive(_along(x, y, z, own))
+        meeting = wp.cw_mul(wp.cw_mul(meeting, convex), _positive(cosine - _Lanes(_OPPOSITE)))
+        weight = wp.max(_positive(cosine - _Lanes(_NOT_OPPOSITE)), meeting)
+        weight = wp.cw_mul(wp.cw_mul(lanes[6, t], nearness), weight)
+        x_sum += wp.cw_mul(weight, n_x)
+        y_sum += wp.cw_mul(weight, n_y)
+        z_sum += wp.cw_mul(weight, n_z)
+    lanes[_SUMS, 0] = x_sum
+    lanes[_SUMS, 1] = y_sum
+    lanes[_SUMS, 2] = z_sum
+    return wp.normalize(wp.vec3d(_total(0, table), _total(1, table), _total(2, table)))
 
 
 @wp.func
-def _fit_within(
+def _fitted(
     reach: wp.float64,
     centre: wp.vec3d,
     facing: wp.vec3d,
-    positions: wp.array(dtype=wp.vec3d),
-    normals: wp.array(dtype=wp.vec3d),
-    areas: wp.array(dtype=wp.float64),
-    starts: wp.array(dtype=wp.int32),
-    low: wp.vec3d,
-    cell: wp.float64,
-    shape: wp.vec3i,
+    near: wp.int32,
+    far: wp.int32,
+    table: wp.array2d(dtype=wp.float64),
+    lanes: wp.array2d(dtype=_Lanes),
 ):
     """Neighbours within `reach` on the same side, and the largest curvature fitted to them; 0 where they fit none."""
     zero = wp.float64(0.0)
     one = wp.float64(1.0)
     u = _tangent(facing)
     v = wp.cross(facing, u)
-    count = wp.int32(0)
-    weight = zero
-    x_sum = zero
-    y_sum = zero
-    a_sum = zero
-    b_sum = zero
-    xx = zero
-    xy = zero
-    yy = zero
-    r_x = zero
-    r_xy = zero
-    r_y = zero
-    square = reach * reach
-    per_square = one / square
-    from_low = centre - low
-    i0, i1 = _cell_range(from_low[0], reach, cell, shape[0] - 1)
-    j0, j1 = _cell_range(from_low[1], reach, cell, shape[1] - 1)
-    k0, k1 = _cell_range(from_low[2], reach, cell, shape[2] - 1)
-    for ci in range(i0, i1 + 1):
-        for cj in range(j0, j1 + 1):
-            base = (ci * shape[1] + cj) * shape[2]
-            for t in range(starts[base + k0], starts[base + k1 + 1]):
-                p = positions[t] - centre
-                away = wp.length_sq(p)
-                if away < square:
-                    n = normals[t]
-                    if wp.dot(n, facing) > _SAME_SIDE:
-                        nearness = one - away * per_square
-                        w = areas[t] * nearness * nearness
-                        x = wp.dot(p, u)
-                        y = wp.dot(p, v)
-                        a = wp.dot(n, u)
-                        b = wp.dot(n, v)
-                        w_x = w * x
-                        w_y = w * y
-                        count += 1
-                        weight += w
-                        x_sum += w_x
-                        y_sum += w_y
-                        a_sum += w * a
-                        b_sum += w * b
-                        xx += w_x * x
-                        xy += w_x * y
-                        yy += w_y * y
-                        r_x += w_x * a
-                        r_xy += w_y * a + w_x * b
-                        r_y += w_y * b
+    counts = _Lanes(zero)
+    w_sums = _Lanes(zero)
+    x_sums = _Lanes(zero)
+    y_sums = _Lanes(zero)
+    a_sums = _Lanes(zero)
+    b_sums = _Lanes(zero)
+    xx_sums = _Lanes(zero)
+    xy_sums = _Lanes(zero)
+    yy_sums = _Lanes(zero)
+    ax_sums = _Lanes(zero)
+    mixed_sums = _Lanes(zero)
+    by_sums = _Lanes(zero)
+    per_square = one / (reach * reach)
+    skipped = lanes.shape[1] / 2 - near
+    for k in range(near + far):
+        t = wp.where(k < near, k, k + skipped)
+        p_x = lanes[0, t] - _Lanes(centre[0])
+        p_y = lanes[1, t] - _Lanes(centre[1])
+        p_z = lanes[2, t] - _Lanes(centre[2])
+        n_x = lanes[3, t]
+        n_y = lanes[4, t]
+        n_z = lanes[5, t]
+        nearness = _at_least(_Lanes(one) - _product(p_x, p_y, p_z, p_x, p_y, p_z) * per_square, zero)
+        nearness = wp.cw_mul(nearness, _positive(_along(n_x, n_y, n_z, facing) - _Lanes(SAME_SIDE)))
+        w = wp.cw_mul(lanes[6, t], wp.cw_mul(nearness, nearness))
+        x = _along(p_x, p_y, p_z, u)
+        y = _along(p_x, p_y, p_z, v)
+        a = _along(n_x, n_y, n_z, u)
+        b = _along(n_x, n_y, n_z, v)
+        w_x = wp.cw_mul(w, x)
+        w_y = wp.cw_mul(w, y)
+        counts += _positive(nearness)
+        w_sums += w
+        x_sums += w_x
+        y_sums += w_y
+        a_sums += wp.cw_mul(w, a)
+        b_sums += wp.cw_mul(w, b)
+        xx_sums += wp.cw_mul(w_x, x)
+        xy_sums += wp.cw_mul(w_x, y)
+        yy_sums += wp.cw_mul(w_y, y)
+        ax_sums += wp.cw_mul(w_x, a)
+        mixed_sums += wp.cw_mul(w_y, a) + wp.cw_mul(w_x, b)
+        by_sums += wp.cw_mul(w_y, b)
+    lanes[_SUMS, 0] = counts
+    lanes[_SUMS, 1] = w_sums
+    lanes[_SUMS, 2] = x_sums
+    lanes[_SUMS, 3] = y_sums
+    lanes[_SUMS, 4] = a_sums
+    lanes[_SUMS, 5] = b_sums
+    lanes[_SUMS, 6] = xx_sums
+    lanes[_SUMS, 7] = xy_sums
+    lanes[_SUMS, 8] = yy_sums
+    lanes[_SUMS, 9] = ax_sums
+    lanes[_SUMS, 10] = mixed_sums
+    lanes[_SUMS, 11] = by_sums
+    count = wp.int32(_total(0, table))
+    weight = _total(1, table)
     if weight == zero:
         return count, zero
+    x_sum = _total(2, table)
+    y_sum = _total(3, table)
+    a_sum = _total(4, table)
+    b_sum = _total(5, table)
     x_mean = x_sum / weight
     y_mean = y_sum / weight
-    xx -= x_sum * x_mean
-    xy -= x_sum * y_mean
-    yy -= y_sum * y_mean
-    r_x -= a_sum * x_mean
-    r_xy -= a_sum * y_mean + b_sum * x_mean
-    r_y -= b_sum * y_mean
+    xx = _total(6, table) - x_sum * x_mean
+    xy = _total(7, table) - x_sum * y_mean
+    yy = _total(8, table) - y_sum * y_mean
+    r_x = _total(9, table) - a_sum * x_mean
+    r_xy = _total(10, table) - (a_sum * y_mean + b_sum * x_mean)
+    r_y = _total(11, table) - b_sum * y_mean
     trace = xx + yy
     det = xx * yy - xy * xy
     if det <= _FLAT * trace * trace:
@@ -227,63 +288,57 @@ def _fit_within(
 
 @wp.kernel(enable_backward=False)
 def _fit_kernel(
-    positions: wp.array(dtype=wp.vec3d),
-    normals: wp.array(dtype=wp.vec3d),
-    areas: wp.array(dtype=wp.float64),
-    starts: wp.array(dtype=wp.int32),
-    low: wp.vec3d,
-    cell: wp.float64,
-    shape: wp.vec3i,
+    grid: SurfelGrid,
     scale: wp.float64,
+    table: wp.array2d(dtype=wp.float64),
+    lanes: wp.array2d(dtype=_Lanes),
     facings: wp.array(dtype=wp.vec3d),
+    counts: wp.array(dtype=wp.int32),
     curvatures: wp.array(dtype=wp.float64),
 ):
-    """Curvature at the scale, which is widened where there are too few neighbours."""
-    i = wp.tid()
-    reach = scale
-    curvature = wp.float64(0.0)
-    for _ in range(_MOST_WIDENINGS):
-        count, curvature = _fit_within(
-            reach, positions[i], facings[i], positions, normals, areas, starts, low, cell, shape
-        )
-        if count >= _FEWEST:
-            break
-        reach = reach * _WIDENING
-    curvatures[i] = curvature
+    """Mean normals within half the scale, neighbours and curvatures within it (one thread: it shares the table)."""
+    half = wp.float64(0.5) * scale
+    for c in range(grid.starts.shape[0] - 2):
+        begin = grid.starts[c]
+        end = grid.starts[c + 1]
+        if end > begin:
+            # The surfels of a cell have much the same neighbours: they are listed once for all of them.
+            first = grid.positions[begin]
+            last = first
+            for i in range(begin + 1, end):
+                first = wp.min(first, grid.positions[i])
+                last = wp.max(last, grid.positions[i])
+            near, far = _list_neighbours(first, last, scale, grid, table)
+            for i in range(begin, end):
+                facing = _mean_normal(half, grid.positions[i], grid.normals[i], near, table, lanes)
+                count, curvature = _fitted(scale, grid.positions[i], facing, near, far, table, lanes)
+                facings[i] = facing
+                counts[i] = count
+                curvatures[i] = curvature
 
 
 @wp.kernel(enable_backward=False)
-def _crest_kernel(
-    positions: wp.array(dtype=wp.vec3d),
-    normals: wp.array(dtype=wp.vec3d),
-    curvatures: wp.array(dtype=wp.float64),
+def _widening_kernel(
+    grid: SurfelGrid,
+    scale: wp.float64,
+    table: wp.array2d(dtype=wp.float64),
+    lanes: wp.array2d(dtype=_Lanes),
     facings: wp.array(dtype=wp.vec3d),
-    starts: wp.array(dtype=wp.int32),
-    low: wp.vec3d,
-    cell: wp.float64,
-    shape: wp.vec3i,
-    reach: wp.float64,
-    least: wp.float64,
-    crests: wp.array(dtype=wp.float64),
+    counts: wp.array(dtype=wp.int32),
+    curvatures: wp.array(dtype=wp.float64),
 ):
-    """Largest curvature within `reach` on the same side, where the own one is above `least`."""
-    i = wp.tid()
-    centre = positions[i]
-    facing = facings[i]
-    crest = curvatures[i]
-    if crest > least:
-        from_low = centre - low
-        a0, a1 = _cell_range(from_low[0], reach, cell, shape[0] - 1)
-        b0, b1 = _cell_range(from_low[1], reach, cell, shape[1] - 1)
-        c0, c1 = _cell_range(from_low[2], reach, cell, shape[2] - 1)
-        for a in range(a0, a1 + 1):
-            for b in range(b0, b1 + 1):
-                base = (a * shape[1] + b) * shape[2]
-                for j in range(starts[base + c0], starts[base + c1 + 1]):
-                    higher = curvatures[j] > crest
-                    if higher and wp.length_sq(positions[j] - centre) < reach * reach:
-                        crest = wp.where(wp.dot(normals[j], facing) > _SAME_SIDE, curvatures[j], crest)
-    crests[i] = crest
+    """Curvatures at a wider scale where there are too few neighbours (one thread: it shares the table)."""
+    for i in range(grid.positions.shape[0]):
+        reach = scale
+        p = grid.positions[i]
+        for _ in range(_MOST_WIDENINGS):
+            if counts[i] >= _FEWEST:
+                break
+            reach = reach * _WIDENING
+            near, far = _list_neighbours(p, p, reach, grid, table)
+            count, curvature = _fitted(reach, p, facings[i], near, far, table, lanes)
+            counts[i] = count
+            curvatures[i] = curvature
 
 
 class SurfelField:
@@ -295,40 +350,29 @@ class SurfelField:
         The surfels [u, -], sorted by place.
     areas : numpy.ndarray, shape (s,)
         [u^2]
+    facings : numpy.ndarray, shape (s, 3)
+        Unit mean normals within half the scale: the side of the body that each surfel is on.
     curvatures : numpy.ndarray, shape (s,)
         Largest principal curvature [1/u], convex positive.
+    grid : SurfelGrid
+        The sorted surfels for kernels; it shares their memory.
     """
 
     def __init__(self, surfels: Surfels, scale: float) -> None:
         load(_fit_kernel.module, "cpu")
         n = len(surfels.areas)
-        low = surfels.positions.min(axis=0)
-        extent = surfels.positions.max(axis=0) - low
-        cell = max(0.5 * scale, float(np.prod(np.maximum(extent, scale)) / _MOST_BUCKETS) ** (1.0 / 3.0))
-        shape = (extent / cell).astype(np.int64) + 1
-        starts = wp.empty(int(shape.prod()) + 2, dtype=wp.int32, device="cpu")
-        self._grid = [starts, wp.vec3d(*low), wp.float64(cell), wp.vec3i(*shape.tolist())]
-        given = [shared_array(surfels.positions, wp.vec3d), shared_array(surfels.normals, wp.vec3d)]
-        given += [shared_array(surfels.areas, wp.float64), *self._grid[1:], starts]
-        self._sides = [wp.empty(n, dtype=wp.vec3d, device="cpu") for _ in range(2)]
-        areas = wp.empty(n, dtype=wp.float64, device="cpu")
-        buckets = wp.empty(n, dtype=wp.int32, device="cpu")
-        wp.launch(_sort_kernel, dim=1, inputs=[*given, buckets, *self._sides, areas], device="cpu")
-        self._curvatures = wp.empty(n, dtype=wp.float64, device="cpu")
-        self._facings = wp.empty(n, dtype=wp.vec3d, device="cpu")
-        inputs = [*self._sides, areas, *self._grid, 0.5 * scale, self._facings]
-        wp.launch(_facing_kernel, dim=n, inputs=inputs, device="cpu")
-        inputs = [*self._sides, areas, *self._grid, scale, self._facings, self._curvatures]
-        wp.launch(_fit_kernel, dim=n, inputs=inputs, device="cpu")
-        self.positions, self.normals = (side.numpy() for side in self._sides)
-        self.areas, self.curvatures = areas.numpy(), self._curvatures.numpy()
-
-    def crests(self, reach: float, least: float) -> np.ndarray:
-        """Largest curvature within `reach` of each surfel [1/u], shape (s,); its own where that is below `least`."""
-        crests = wp.empty(len(self.areas), dtype=wp.float64, device="cpu")
-        inputs = [*self._sides, self._curvatures, self._facings, *self._grid, reach, least, crests]
-        wp.launch(_crest_kernel, dim=len(self.areas), inputs=inputs, device="cpu")
-        return crests.numpy()
+        self.grid = surfel_grid(surfels, scale)
+        facings, counts = wp.empty(n, dtype=wp.vec3d, device="cpu"), wp.empty(n, dtype=wp.int32, device="cpu")
+        curvatures = wp.empty(n, dtype=wp.float64, device="cpu")
+        # Two lists of up to n neighbours each, in whole blocks, and no less than the sums take.
+        table = np.empty((_SUMS + 1, 2 * _LANES * (n // _LANES + _LANES)))
+        lanes = shared_array(table.reshape(_SUMS + 1, -1, _LANES), _Lanes)
+        inputs = [self.grid, scale, shared_array(table, wp.float64), lanes, facings, counts, curvatures]
+        for kernel in (_fit_kernel, _widening_kernel):
+            wp.launch(kernel, dim=1, inputs=inputs, device="cpu")
+        arrays = (self.grid.positions, self.grid.normals, self.grid.areas)
+        self.positions, self.normals, self.areas = (array.numpy() for array in arrays)
+        self.facings, self.curvatures = facings.numpy(), curvatures.numpy()
 
 
 def largest_curvatures(surfels: Surfels, scale: float) -> SurfelField:

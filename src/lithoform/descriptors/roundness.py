@@ -8,14 +8,17 @@ from typing import Final
 
 import numpy as np
 
-from lithoform.descriptors.curvature import largest_curvatures
+from lithoform.descriptors.curvature import SAME_SIDE, SurfelField, largest_curvatures
 from lithoform.descriptors.inscribed import inscribed_sphere
 from lithoform.descriptors.solids import Sphere
-from lithoform.descriptors.surfels import bin_surfels, surface_frame
+from lithoform.descriptors.surfels import SurfelGrid, bin_surfels, cell_at, surface_frame
 from lithoform.errors import MeshError
 from lithoform.mesh import Mesh
+from lithoform.warp_runtime import MODULE_OPTIONS, load, shared_array, wp
 
 __all__ = ["Roundness", "corner_weights", "roundness"]
+
+wp.set_module_options(MODULE_OPTIONS)
 
 _CELL: Final = 0.25
 """Spacing of surfels over the scale l."""
@@ -70,6 +73,44 @@ class Roundness:
     areas: np.ndarray
     curvatures: np.ndarray
     weights: np.ndarray
+
+
+@wp.kernel(enable_backward=False)
+def _crest_kernel(
+    grid: SurfelGrid,
+    curvatures: wp.array(dtype=wp.float64),
+    facings: wp.array(dtype=wp.vec3d),
+    reach: wp.float64,
+    least: wp.float64,
+    crests: wp.array(dtype=wp.float64),
+):
+    """Largest curvature within `reach` on the same side, where the own one is above `least`."""
+    i = wp.tid()
+    centre = grid.positions[i]
+    facing = facings[i]
+    crest = curvatures[i]
+    if crest > least:
+        around = wp.vec3d(reach, reach, reach)
+        begin = cell_at(grid, centre - around)
+        end = cell_at(grid, centre + around)
+        for a in range(begin[0], end[0] + 1):
+            for b in range(begin[1], end[1] + 1):
+                base = (a * grid.shape[1] + b) * grid.shape[2]
+                for j in range(grid.starts[base + begin[2]], grid.starts[base + end[2] + 1]):
+                    higher = curvatures[j] > crest
+                    if higher and wp.length_sq(grid.positions[j] - centre) < reach * reach:
+                        crest = wp.where(wp.dot(grid.normals[j], facing) > SAME_SIDE, curvatures[j], crest)
+    crests[i] = crest
+
+
+def _crests(field: SurfelField, reach: float, least: float) -> np.ndarray:
+    """Largest curvature within `reach` of each surfel [1/u], shape (s,); its own where that is below `least`."""
+    load(_crest_kernel.module, "cpu")
+    crests = np.empty(len(field.areas))
+    given = [field.grid, shared_array(field.curvatures, wp.float64), shared_array(field.facings, wp.vec3d)]
+    inputs = [*given, reach, least, shared_array(crests, wp.float64)]
+    wp.launch(_crest_kernel, dim=len(crests), inputs=inputs, device="cpu")
+    return crests
 
 
 def roundness(mesh: Mesh, *, scale: float = 0.25, inscribed: Sphere | None = None) -> Roundness:
@@ -129,7 +170,7 @@ def roundness(mesh: Mesh, *, scale: float = 0.25, inscribed: Sphere | None = Non
     least = 1.0 / radius
     excess = np.maximum(k - least, 0.0)
     # Where nothing exceeds k0 the weight is 0 whatever it is divided by, and a flat surfel must not divide by 0.
-    crests = np.maximum(field.crests(_CREST_REACH * length, least), least)
+    crests = np.maximum(_crests(field, _CREST_REACH * length, least), least)
     weights = areas * excess * np.maximum(2.0 * k / crests - 1.0, 0.0)
     corner_fraction = float(areas[k > _CORNER * least].sum() / areas.sum())
     value = 1.0

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from lithoform.face_integrals import surface_moments
 from lithoform.mesh import Mesh
 from lithoform.warp_runtime import MODULE_OPTIONS, load, shared_array, wp
 
-__all__ = ["SurfaceFrame", "Surfels", "bin_surfels", "surface_frame"]
+__all__ = ["SurfaceFrame", "SurfelGrid", "Surfels", "bin_surfels", "cell_at", "surface_frame", "surfel_grid"]
 
 wp.set_module_options(MODULE_OPTIONS)
 
@@ -38,6 +38,9 @@ _MOST_PIECES: Final = 2_000_000
 
 _MOST_COLUMNS: Final = wp.constant(wp.float64(1.0e8))
 """Bound of a face's length in pieces, so that it fits an int32; the cell is enlarged long before."""
+
+_MOST_BUCKETS: Final = 400_000
+"""Cells of a search grid; they grow for very long bodies, whose bounding box is mostly empty."""
 
 _KEY_RANGE: Final = wp.constant(1 << 19)
 _HASH_FACTOR: Final = wp.constant(wp.uint64(0x9E3779B97F4A7C15))
@@ -304,3 +307,88 @@ def bin_surfels(mesh: Mesh, frame: SurfaceFrame, cell: float) -> Surfels:
     wp.launch(_bin_kernel, dim=1, inputs=inputs, device="cpu")
     n = int(found.numpy()[0])
     return Surfels(positions.numpy()[:n], normals.numpy()[:n], areas.numpy()[:n], cell)
+
+
+@wp.struct
+class SurfelGrid:
+    """Surfels sorted by the cells of a search grid: those of cell c = (a m1 + b) m2 + d are starts[c] to starts[c + 1].
+
+    `low` is the grid's first corner, `cell` the edge of its cells [u], `shape` (m0, m1, m2) their numbers.
+    """
+
+    positions: wp.array(dtype=wp.vec3d)
+    normals: wp.array(dtype=wp.vec3d)
+    areas: wp.array(dtype=wp.float64)
+    starts: wp.array(dtype=wp.int32)
+    low: wp.vec3d
+    cell: wp.float64
+    shape: wp.vec3i
+
+
+@wp.func
+def cell_at(grid: SurfelGrid, x: wp.vec3d) -> wp.vec3i:
+    """Cell of a search grid that holds a point, or the nearest one to it along each axis."""
+    q = (x - grid.low) / grid.cell
+    cell = wp.vec3i(0, 0, 0)
+    for k in range(3):
+        cell[k] = wp.min(wp.int32(wp.max(q[k], wp.float64(0.0))), grid.shape[k] - 1)
+    return cell
+
+
+@wp.kernel(enable_backward=False)
+def _sort_kernel(
+    positions: wp.array(dtype=wp.vec3d),
+    normals: wp.array(dtype=wp.vec3d),
+    areas: wp.array(dtype=wp.float64),
+    cells: wp.array(dtype=wp.int32),
+    grid: SurfelGrid,
+):
+    """Counting sort by grid cell (one thread; stable, so that the order is always the same)."""
+    n = positions.shape[0]
+    for c in range(grid.starts.shape[0]):
+        grid.starts[c] = 0
+    for i in range(n):
+        q = cell_at(grid, positions[i])
+        c = (q[0] * grid.shape[1] + q[1]) * grid.shape[2] + q[2]
+        cells[i] = c
+        grid.starts[c + 2] = grid.starts[c + 2] + 1
+    for c in range(grid.starts.shape[0] - 1):
+        grid.starts[c + 1] = grid.starts[c + 1] + grid.starts[c]
+    # starts[c + 1] is now the first place of cell c; after the filling it is its end, the start of cell c + 1.
+    for i in range(n):
+        place = grid.starts[cells[i] + 1]
+        grid.starts[cells[i] + 1] = place + 1
+        grid.positions[place] = positions[i]
+        grid.normals[place] = normals[i]
+        grid.areas[place] = areas[i]
+
+
+def surfel_grid(surfels: Surfels, reach: float) -> Any:
+    """Sort surfels into a grid for searches within a distance.
+
+    Parameters
+    ----------
+    surfels : Surfels
+    reach : float
+        Usual distance of a search [u]; cells are half as long, longer where there would be more than 400,000.
+
+    Returns
+    -------
+    SurfelGrid
+        Its arrays are copies of the surfels'.
+    """
+    load(_sort_kernel.module, "cpu")
+    n = len(surfels.areas)
+    low = surfels.positions.min(axis=0)
+    extent = surfels.positions.max(axis=0) - low
+    cell = max(0.5 * reach, float(np.prod(np.maximum(extent, reach)) / _MOST_BUCKETS) ** (1.0 / 3.0))
+    shape = (extent / cell).astype(np.int64) + 1
+    grid: Any = SurfelGrid()
+    grid.positions, grid.normals = (wp.empty(n, dtype=wp.vec3d, device="cpu") for _ in range(2))
+    grid.areas = wp.empty(n, dtype=wp.float64, device="cpu")
+    grid.starts = wp.empty(int(shape.prod()) + 2, dtype=wp.int32, device="cpu")
+    grid.low, grid.cell, grid.shape = wp.vec3d(*low), cell, wp.vec3i(*shape.tolist())
+    given = [shared_array(surfels.positions, wp.vec3d), shared_array(surfels.normals, wp.vec3d)]
+    given += [shared_array(surfels.areas, wp.float64), wp.empty(n, dtype=wp.int32, device="cpu")]
+    wp.launch(_sort_kernel, dim=1, inputs=[*given, grid], device="cpu")
+    return grid

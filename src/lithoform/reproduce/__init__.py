@@ -38,5 +38,12 @@ FIGURES: Final[dict[str, Reproduction]] = {row.name: row for row in (
     Reproduction("fig3", "what the four descriptors measure, on one stone", "shape", "figure_3"),
     Reproduction("fig4", "the classes in Zingg's diagram; the descriptors at 51,200, 20,000 and 5,000 triangles",
                  "shape", "figure_4"),
+    Reproduction("fig8", "scanned and generated stones, and the histograms of the four descriptors", "populations",
+                 "figure_8"),
+    Reproduction("fig9", "histograms of the roundness by class", "populations", "figure_9"),
+    Reproduction("fig10", "histograms of the true sphericity by class", "populations", "figure_10"),
+    Reproduction("table3", "analysis of variance of the four descriptors", "populations", "table_3"),
+    Reproduction("table4", "analysis of variance of the roundness by class", "populations", "table_4"),
+    Reproduction("table5", "analysis of variance of the true sphericity by class", "populations", "table_5"),
 )}  # fmt: skip
 """Figures and tables of the paper by the names that the command line takes."""

@@ -1,0 +1,1 @@
+"""Reports: results come in, pages of HTML go out."""
