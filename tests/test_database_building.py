@@ -134,13 +134,20 @@ def test_workers_without_the_program_are_told_and_not_waited_for(monkeypatch):
 def test_a_cluster_that_has_lost_its_workers_is_told(monkeypatch):
     from distributed import LocalCluster
 
-    monkeypatch.setattr("lithoform.database.engine._PATIENCE", 2.0)
-    with LocalCluster(n_workers=1, threads_per_worker=1, host="127.0.0.1", dashboard_address="127.0.0.1:0") as cluster:
-        stream = spread(double, iter(int, 1), scheduler=cluster.scheduler_address)
-        next(stream)
-        cluster.scale(0)
-        with pytest.raises(ClusterError, match="no workers any more"):
-            deque(stream, maxlen=0)
+    with LocalCluster(n_workers=0, host="127.0.0.1", dashboard_address="127.0.0.1:0") as cluster:
+        address = cluster.scheduler_address
+        options = ["--nthreads", "1", "--no-nanny", "--no-dashboard"]
+        with subprocess.Popen(
+            [sys.executable, "-m", "distributed.cli.dask_worker", address, *options],
+            stderr=subprocess.DEVNULL,
+            env={**os.environ, "PYTHONPATH": str(Path(__file__).parent)},
+        ) as worker:
+            stream = spread(double, iter(int, 1), scheduler=address)
+            next(stream)
+            monkeypatch.setattr("lithoform.database.engine._PATIENCE", 2.0)
+            worker.kill()
+            with pytest.raises(ClusterError, match="no workers any more"):
+                deque(stream, maxlen=0)
 
 
 @pytest.mark.parametrize("workers", [0, 2])

@@ -91,7 +91,11 @@ def _over_cluster(
                 finished = _first_finished(client, pending)
                 pending -= finished
                 for future in finished:
-                    result = future.result()
+                    try:
+                        result = future.result(timeout=_PATIENCE)
+                    except TimeoutError:
+                        pending.add(future)  # lost with its worker, so that it is done again
+                        continue
                     pending.update(client.submit(work, job, pure=False) for job in islice(jobs, 1))
                     yield result
         except KilledWorker as error:
