@@ -17,7 +17,10 @@ ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "src" / "lithoform"
 MODULES = sorted(PACKAGE.rglob("*.py"))
 MAX_LINES = 500
-HEAVY = "cyclopts dask distributed duckdb fast_simplification matplotlib pyarrow pyvista rich scipy shapely trimesh vtk vtkmodules warp".split()
+HEAVY = (
+    "cyclopts dask distributed duckdb fast_simplification matplotlib pyarrow pyvista rich scipy shapely trimesh vtk "
+    "vtkmodules warp"
+).split()
 
 # Who may import whom inside the package. A name is a module or a folder; within a folder all is allowed.
 FOUNDATION = {"errors", "lazy", "parameters", "presets", "seeds"}
@@ -71,7 +74,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "sidecar": {"atomic", "errors", "mesh", "mesh_io"},
     "progress": set(),
     "locking": {"errors"},
-    "planning": FOUNDATION | {"feasibility", "mesh_io", "recipe_io", "sidecar"},
+    "planning": FOUNDATION | {"feasibility", "mesh_io", "population_recipe", "recipe_io", "sidecar"},
     "production": FOUNDATION
     | {"atomic", "generation", "locking", "mesh_io", "particle", "planning", "progress", "sidecar"},
     # populations

@@ -23,8 +23,11 @@ from lithoform import RecipeError
 from lithoform.database import building
 from lithoform.database.building import Measures, batch_size, build
 from lithoform.database.engine import ClusterError, spread
+from lithoform.database.schema import recipe_of
 from lithoform.database.store import Store
 from lithoform.planning import Plan
+from lithoform.population_recipe import PopulationRecipe, Spread
+from lithoform.presets import shape_class_of
 
 SMALL = ("--triangles", "128", "--descriptors", "boxiness,solidity", "--device", "cpu")
 
@@ -271,3 +274,32 @@ def test_wrong_requests_are_refused_before_any_work(run, arguments, said):
     assert said in err
     assert len(err.strip().splitlines()) == 1
     assert not [*Path().rglob("*.parquet")]
+
+
+def test_a_population_recipe_is_built_and_generated(run):
+    spread = Spread("perturbation", "linear", 0.2, 0.05, 0.1, 0.3)
+    recipe = PopulationRecipe(length=(0.01, 0.02), elongation=(0.5, 0.9), flatness=(0.4, 0.8), spreads=(spread,))
+    Path("pop.toml").write_text(recipe.to_toml())
+    options = ["--recipe", "pop.toml", "--count", "30", "--seed", "7"]
+    status, _, err = run("database", "build", "db", *options, "--workers", "0", *SMALL)
+    assert (status, err) == (0, "")
+    for row in Store("db").table().to_pylist():
+        expected = recipe.recipe(row["number"], 7).replace(triangles=128)
+        assert recipe_of(row) == expected
+        assert row["class"] == shape_class_of(expected.size)
+    status, _, _ = run("generate", "out", "--recipe", "pop.toml", "--count", "2", "--seed", "7", "--triangles", "128")
+    assert status == 0
+    sidecar = json.loads(Path("out/000002.json").read_text())
+    assert sidecar["recipe"]["seed"] == recipe.recipe(2, 7).seed
+    for more, said in (
+        (["--class", "cube"], "leave out --class"),
+        (["--size", "3,2,1"], "leave out --class"),
+        (["--set", "L=3"], "leave out --class"),
+        (["--preset", "database"], "give one of them"),
+    ):
+        status, _, err = run("database", "build", "other", *options, *more)
+        assert status == 2
+        assert said in err
+    status, _, err = run("database", "build", "other", "--recipe", "pop.toml", "--per-class", "3")
+    assert status == 2
+    assert "--count in place of --per-class" in err

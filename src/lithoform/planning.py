@@ -12,6 +12,7 @@ from lithoform import mesh_io
 from lithoform.errors import FileFormatError, RecipeError
 from lithoform.feasibility import require_feasible
 from lithoform.parameters import Recipe, suggest
+from lithoform.population_recipe import is_population, parse_population_recipe, read_population_recipe
 from lithoform.presets import PRESETS, SHAPE_CLASSES, benchmark_recipe, database_recipe, draw_size, particle_seed
 from lithoform.recipe_io import from_dict, parse_settings, read_recipe, read_table
 from lithoform.seeds import MAX_SEED
@@ -41,6 +42,8 @@ class Plan:
         Class in which the dimensions are drawn; "mixed" takes the four in turn.
     base : dict
         Fields set by the user, or a whole recipe (lengths in metres).
+    population : str or None
+        Text of a population recipe in TOML, from which every particle is drawn; `base` is set on each.
     format, unit : str
         Of the mesh files.
     """
@@ -50,6 +53,7 @@ class Plan:
     preset: str | None
     shape_class: str | None
     base: dict[str, Any] = field(default_factory=dict)
+    population: str | None = None
     format: str = "stl"
     unit: str = "mm"
 
@@ -69,6 +73,8 @@ class Plan:
         """
         if self.seed is None:
             return from_dict(self.base)
+        if self.population is not None:
+            return parse_population_recipe(self.population).recipe(number, self.seed).replace(**self.base)
         seed = particle_seed(self.seed, number)
         shape_class = self.class_of(number)
         if self.preset == "database" and shape_class is not None:
@@ -151,9 +157,14 @@ def plan_run(
     fields = parse_settings(settings)
     base: dict[str, Any] = {}
     sidecar: dict[str, str] = {}
-    if recipe is not None:
-        if preset is not None:
-            raise RecipeError("--recipe is a whole recipe and --preset another; give one of them.")
+    if recipe is not None and preset is not None:
+        raise RecipeError("--recipe is a whole recipe and --preset another; give one of them.")
+    population = _population_of(recipe) if recipe is not None else None
+    if population is not None:
+        if shape_class is not None or size is not None or any(name in fields for name in _DIMENSIONS):
+            raise RecipeError("a population recipe draws the dimensions itself; leave out --class, --size and L, W, H.")
+        seed = 0 if seed is None else seed
+    elif recipe is not None:
         sidecar = _sidecar_of(recipe)
         base = read_recipe(recipe).as_dict()
         if seed is None and count not in (None, 1):
@@ -172,7 +183,9 @@ def plan_run(
         raise RecipeError("--class draws the dimensions and --size (or --set L=...) gives them; use one of them.")
     if triangles is not None:
         fields["triangles"] = triangles
-    if recipe is None:
+    if population is not None:
+        pass
+    elif recipe is None:
         preset = preset or "database"
         if preset == "benchmark" and shape_class is None:
             # Table 1 gives no unit for its 2 x 1.5 x 1: they are read in the unit of the run.
@@ -198,6 +211,7 @@ def plan_run(
         preset=preset,
         shape_class=shape_class,
         base={**base, **fields},
+        population=population,
         format=mesh_io.known_key(
             "mesh format", sidecar.get("format", "stl") if format is None else format, mesh_io.FORMATS
         ),
@@ -205,6 +219,11 @@ def plan_run(
     )
     plan.validate()
     return plan
+
+
+def _population_of(path: Path) -> str | None:
+    """Text of a population recipe; None if the file is something else."""
+    return read_population_recipe(path).to_toml() if is_population(*read_table(path)) else None
 
 
 def _sidecar_of(path: Path) -> dict[str, str]:

@@ -24,6 +24,7 @@ class Role(IntEnum):
     CHIPS = 3
     PARTICLE = 4
     DIMENSIONS = 5
+    POPULATION = 6
 
 
 def _finalise(z: int) -> int:

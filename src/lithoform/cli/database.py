@@ -24,6 +24,7 @@ for _command in (show, export, grade):
     database.command(_command)
 
 _SHOWN = 40
+_DEFAULT_COUNT = 600
 
 
 @database.command
@@ -67,7 +68,7 @@ def build(
     per_class
         Particles in each Zingg class [default: 150, unless --count or --class is given].
     count
-        Particles in all; the classes take turns unless --class names one.
+        Particles in all; the classes take turns unless --class names one [default, of a population recipe: 600].
     class_
         Zingg class in which the dimensions are drawn: cube, plate, column, blade, or mixed (the four in turn).
     seed
@@ -75,7 +76,7 @@ def build(
     preset
         benchmark (Table 1 of the paper) or database (its setting for scanned stones) [default: database].
     recipe
-        TOML recipe of the texture, or a population recipe as `lithoform match` writes it.
+        TOML recipe, or a population recipe as `lithoform match` writes it, which draws texture and dimensions.
     set_
         NAME=VALUE: a parameter by its symbol in Table 1 or by its full name; may be repeated.
     size
@@ -107,7 +108,9 @@ def build(
     """
     from lithoform.database.building import build as run
     from lithoform.planning import plan_run
+    from lithoform.population_recipe import is_population
     from lithoform.presets import SHAPE_CLASSES
+    from lithoform.recipe_io import read_table
     from lithoform.warp_runtime import resolve_device
 
     given = [name for name, value in (("count", count), ("class", class_), ("size", size)) if value is not None]
@@ -119,8 +122,11 @@ def build(
             raise RecipeError(f"expected --per-class of at least 1; got {each}.")
         count, class_ = each * len(SHAPE_CLASSES), "mixed"
     resolve_device(device)
+    of_population = recipe is not None and is_population(*read_table(recipe))
+    if of_population and per_class is not None:
+        raise RecipeError("a population recipe draws the dimensions itself; give --count in place of --per-class.")
     plan = plan_run(
-        count=count, seed=0 if seed is None else seed, shape_class=class_, preset=preset, recipe=recipe,
+        count=_DEFAULT_COUNT if of_population and count is None else count, seed=0 if seed is None else seed, shape_class=class_, preset=preset, recipe=recipe,
         settings=set_ or [], size=size, unit=unit, triangles=triangles, format=None,
     )  # fmt: skip
     measures = _measures(descriptors, box, scale, keep_meshes=keep_meshes)

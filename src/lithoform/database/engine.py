@@ -160,8 +160,9 @@ def _client(workers: int, scheduler: str | None) -> Iterator[Any]:
             if scheduler is None:
                 folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="lithoform-"))
                 cluster = LocalCluster(  # its dashboard on any port that is free, or two builds would want one
-                    n_workers=workers, threads_per_worker=1, processes=True, host="127.0.0.1", dashboard_address="127.0.0.1:0",
-                    memory_limit=0, local_directory=folder, silence_logs=logging.CRITICAL,
+                    n_workers=workers, threads_per_worker=1, processes=True, memory_limit=0,
+                    host="127.0.0.1", dashboard_address="127.0.0.1:0",
+                    local_directory=folder, silence_logs=logging.CRITICAL,
                 )  # fmt: skip
                 client = stack.enter_context(Client(stack.enter_context(cluster)))
                 client.register_plugin(_deaf_to_interrupts())
