@@ -133,6 +133,20 @@ MAY_IMPORT: dict[str, set[str]] = {
         "survey",
         "warp_runtime",
     },
+    "matching": FOUNDATION
+    | {
+        "database",
+        "descriptors",
+        "feasibility",
+        "generation",
+        "mesh_io",
+        "parallel",
+        "population_recipe",
+        "progress",
+        "scans",
+        "statistics",
+        "survey",
+    },
     "report": {"database", "errors", "statistics"},
     "comparison_report": {"atomic", "descriptors", "errors", "figures", "report", "sidecar", "statistics"},
 }

@@ -51,6 +51,8 @@ def read_recipe(path: str | Path) -> Recipe:
     values, _ = read_table(file)
     if isinstance(values, dict) and isinstance(values.get("recipe"), dict):
         values = values["recipe"]
+    if isinstance(values, dict) and "scan" in values:
+        raise RecipeError(f"{file} is the sidecar of a scan, which no recipe makes; name that of a generated particle.")
     try:
         return from_dict(values)
     except RecipeError as error:

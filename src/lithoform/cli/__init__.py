@@ -18,6 +18,7 @@ from lithoform.cli.comparing import compare
 from lithoform.cli.database import database
 from lithoform.cli.generating import generate
 from lithoform.cli.laboratory import laboratory
+from lithoform.cli.matching import match
 from lithoform.cli.measuring import measure, picture
 from lithoform.cli.output import drop_output, one_line, open_output, say
 from lithoform.cli.reproducing import reproduce
@@ -34,7 +35,7 @@ app = App(
     help_format="markdown",
     suppress_keyboard_interrupt=False,  # `main` tells it
 )
-for _command in (generate, check, measure, laboratory, picture, database, compare, reproduce):
+for _command in (generate, check, measure, laboratory, picture, database, compare, match, reproduce):
     app.command(_command)
 
 
