@@ -237,6 +237,22 @@ def test_replicates_without_spread_make_an_end_infinite_and_not_nan():
     assert not any(math.isnan(end) for one in found.values() for end in (one.value, one.low, one.high))
 
 
+@pytest.mark.parametrize("values", [(1.0, 2.0, 5.0, 6.0), (0.1, 0.2, 0.5, 0.6), (-7.3, -7.2, 1e-3, 0.3)])
+def test_replicates_without_spread_are_known_in_spite_of_rounding(values):
+    # A replicate of either sample has one value only with a chance of (4/5)^5 = 0.33, both at once in 1 of 9.
+    low, high, least, most = values
+    a, b = [low] * 4 + [high], [least] * 4 + [most]
+    for one, other, sign in ((a, b, -1.0), (b, a, 1.0)):
+        found = by_name(bootstrap_estimates(one, other, seed=0, bootstrap=500))
+        for name in ("cohen_d", "hedges_g"):
+            ends = found[name].low, found[name].high
+            assert math.inf * sign in ends
+            assert 0.0 < min(map(abs, ends)) < 1e3
+    # Where both have the same value only, they do not differ.
+    found = by_name(bootstrap_estimates(a, [*a, low], seed=0, bootstrap=500))
+    assert all(-1e3 < end < 1e3 for end in (found["hedges_g"].low, found["hedges_g"].high))
+
+
 # ------------------------------------------------------------------------------------------------ joint tests
 
 

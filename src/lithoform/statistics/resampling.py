@@ -192,10 +192,13 @@ def _ranked(rows: np.ndarray) -> list[np.ndarray]:
 
 
 def _moments(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and sum of squares about it of each row."""
-    mean = rows.mean(axis=1)
-    away = rows - mean[:, None]
-    return mean, np.einsum("ij,ij->i", away, away)
+    """Mean and sum of squares about it of each row; the squares of a row without variation are 0 to the bit."""
+    # About the first value: the mean of equal values is rounded, and need not be one of them.
+    first = rows[:, 0]
+    away = rows - first[:, None]
+    shift = away.mean(axis=1)
+    away -= shift[:, None]
+    return first + shift, np.einsum("ij,ij->i", away, away)
 
 
 def _standardised(
