@@ -7,6 +7,7 @@ import shutil
 
 import bodies
 import numpy as np
+import pyarrow as pa
 import pytest
 
 from lithoform import FileFormatError, MeshError, SampleError, generate, write_mesh
@@ -15,12 +16,12 @@ from lithoform.database.importing import import_scans
 from lithoform.database.meshes import (
     MESH_COLUMNS,
     choose,
-    listed,
     particle_mesh,
     particle_meshes,
     restored_particle,
     stream_rows,
 )
+from lithoform.database.queries import rows_of
 from lithoform.database.store import Store
 from lithoform.planning import Plan
 
@@ -134,11 +135,8 @@ class TestChoice:
             "from particles where class = 'cube' and source = 'kept'",
         ):
             assert choose(store, names, statement).to_pylist() == plain
-        assert choose(store, names, listed([("kept", 9), ("kept", 1), ("kept", 5)])).to_pylist() == plain
-
-    def test_both_conditions_hold(self, store):
-        one = choose(store, ("number",), "number = 1 or number = 2 -- two", also="source = 'kept' or false")
-        assert one["number"].to_pylist() == [1, 2]
+        keys = pa.table({"source": ["kept"] * 3, "number": [9, 1, 5]})
+        assert rows_of(store, names, keys).to_pylist() == plain
 
     def test_particles_in_error_are_never_chosen(self, store):
         assert choose(store, ("number",), "source = 'scans-kept'")["number"].to_pylist() == [1]

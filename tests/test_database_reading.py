@@ -5,6 +5,12 @@ from __future__ import annotations
 import csv
 import io
 import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +21,7 @@ import pytest
 from lithoform import FileFormatError, MeshError, OutputError, SampleError, generate, measure, read_scan, write_mesh
 from lithoform.database.building import Measures, build
 from lithoform.database.importing import import_scans
-from lithoform.database.population import read_population
+from lithoform.database.population import Population, read_population
 from lithoform.database.queries import query, select, table_to_csv
 from lithoform.database.store import Store
 from lithoform.planning import Plan
@@ -141,13 +147,125 @@ def test_selection_keeps_the_order_and_knows_its_columns(folder):
 
 
 def test_a_damaged_file_is_named_by_queries_too(folder, tmp_path):
-    import shutil
-
     shutil.copytree(folder, tmp_path / "db")
     victim = tmp_path / "db" / "particles" / "generated.000002.parquet"
     victim.write_bytes(victim.read_bytes()[:-100])
     with pytest.raises(FileFormatError, match=r"generated\.000002\.parquet is damaged"):
         query(tmp_path / "db", "select count(*), avg(solidity) from particles")
+
+
+@pytest.mark.parametrize("batch", ["000001", "000002"])
+@pytest.mark.parametrize("damage", ["empty", "cut", "flip", "unreadable"])
+def test_whatever_file_is_damaged_every_reader_tells_it(folder, tmp_path, run, batch, damage):
+    shutil.copytree(folder, tmp_path / "db")
+    victim = tmp_path / "db" / "particles" / f"generated.{batch}.parquet"
+    content = bytearray(victim.read_bytes())
+    if damage == "flip":
+        # In the page of a column that is asked for, where no reader but one that tries checksums would see it.
+        column = pq.read_metadata(victim).row_group(0)
+        place = next(c for c in map(column.column, range(column.num_columns)) if c.path_in_schema == "solidity")
+        first = place.dictionary_page_offset or place.data_page_offset
+        content[first + place.total_compressed_size - 3] ^= 0x10
+    elif damage == "unreadable":
+        victim.unlink()
+        victim.mkdir()
+    if damage != "unreadable":
+        victim.write_bytes({"empty": b"", "cut": content[:-100]}.get(damage, content))
+    for arguments in (
+        ("query", "db", "select avg(solidity) from particles"),
+        ("show", "db", "--no-picture"),
+        ("export", "db", "--out", "out"),
+        ("grade", "db", "--gradation", "AC-13", "--mass", "1kg", "--out", "g.csv"),
+    ):
+        if damage == "flip" and arguments[0] == "grade":
+            continue  # it reads other columns
+        status, _, err = run("database", *arguments)
+        assert status == 2
+        assert f"generated.{batch}.parquet" in err, err
+        assert "unexpected" not in err
+
+
+def test_names_of_folders_mean_nothing(folder, tmp_path):
+    for name in ("class=foo", "number=3", "br[a]c", "star*", "qm?", "~tilde", "it's", 'two "words"', "ünï"):
+        place = tmp_path / name / "db"
+        shutil.copytree(folder, place)
+        shutil.copytree(folder, tmp_path / "brac", dirs_exist_ok=True)
+        assert query(
+            place, "select count(*) n, count(distinct class) c from particles where error is null"
+        ).to_pylist() == [{"n": 42, "c": 4}]
+        assert select(place, ["number"], "number = 2 and source = 'quarry'").num_rows == 1
+    with pytest.raises(FileFormatError, match="whose name is UTF-8"):
+        Store(Path(os.fsdecode(b"non\xff")))
+
+
+def test_a_random_choice_is_asked_once(folder, run, tmp_path):
+    some = "select source, number from particles where source = 'generated' order by random() limit 7"
+    status, _, err = run("database", "export", str(folder), "--out", "out", "--select", some)
+    assert (status, err) == (0, "")
+    listed = {row["mesh_file"] for row in csv.DictReader(Path("out/particles.csv").read_text().splitlines())}
+    assert listed == {path.name for path in Path("out").glob("*.stl")}
+    assert len(listed) == 7
+    options = ["--gradation", "AC-13", "--min-size", "4.75mm", "--mass", "1kg", "--out", "g.csv", "--verify", "--json"]
+    status, out, err = run("database", "grade", str(folder), *options, "--select", some)
+    assert (status, err) == (0, "")
+    assert json.loads(out)["verification"]["largest_deviation"] < 1e-9
+
+
+def test_results_are_not_written_over_the_database(folder, run):
+    for arguments in (
+        ("query", str(folder), "select 1", "--csv", str(folder / "database.json")),
+        ("show", str(folder), "--picture", str(folder / "particles" / "generated.000001.parquet")),
+        ("grade", str(folder), "--gradation", "AC-13", "--mass", "1kg", "--out", str(folder / "meshes" / "g.csv")),
+    ):
+        status, _, err = run("database", *arguments)
+        assert status == 2
+        assert "among the files of the database" in err
+
+
+def test_surplus_batches_are_not_read(folder, tmp_path):
+    shutil.copytree(folder, tmp_path / "db")
+    particles = tmp_path / "db" / "particles"
+    shutil.copy(particles / "generated.000001.parquet", particles / "generated.000099.parquet")
+    assert query(tmp_path / "db", "select count(*) n from particles").to_pylist() == [{"n": 43}]
+    shutil.copy(particles / "quarry.000001.parquet", particles / "generated.000002.parquet")
+    store = Store(tmp_path / "db")
+    assert store.damaged(store.sources["generated"], 2) == "its rows are not those of its source"
+
+
+def test_scans_whose_names_are_no_text_are_rows(tmp_path):
+    scans = tmp_path / "scans"
+    scans.mkdir()
+    Path(os.fsdecode(bytes(scans) + b"/non\xff.stl")).write_bytes(b"solid nothing")
+    assert [*import_scans(tmp_path / "db", [scans], MEASURES, source="odd", workers=0)] == [1]
+    [row] = Store(tmp_path / "db").table(["file", "error"]).to_pylist()
+    assert row["file"].endswith("non\\xff.stl")
+    assert row["error"]
+
+
+def test_a_scan_that_was_exchanged_is_not_taken_for_the_former_one(tmp_path, folder):
+    (tmp_path / "scans").mkdir()
+    scan = tmp_path / "scans" / "a.stl"
+    shutil.copy(folder.parent / "scans" / "a.stl", scan)
+    assert [*import_scans(tmp_path / "db", [scan], MEASURES, source="pit", workers=0)] == [1]
+    content = bytearray(scan.read_bytes())
+    content[100] ^= 1
+    scan.write_bytes(content)
+    with pytest.raises(OutputError, match=r"other settings \(files differ\)"):
+        [*import_scans(tmp_path / "db", [scan], MEASURES, source="pit", workers=0)]
+
+
+def test_a_long_query_can_be_interrupted(folder):
+    code = "select sum(p.number * r.range) from particles p, range(100000000) r, range(10000) s"
+    run = subprocess.Popen(
+        [sys.executable, "-m", "lithoform", "database", "query", str(folder), code],
+        stderr=subprocess.PIPE, text=True, preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )  # fmt: skip
+    time.sleep(3.0)
+    assert run.poll() is None
+    run.send_signal(signal.SIGINT)
+    _, err = run.communicate(timeout=30)
+    assert run.returncode == 130
+    assert err == "lithoform: interrupted.\n"
 
 
 def test_csv_of_an_answer():
@@ -203,6 +321,54 @@ def test_populations_of_tables(folder, run, tmp_path):
         read_population("gap.csv", ("true_sphericity", "solidity"))
     with pytest.raises(SampleError, match="expected a database for a condition"):
         read_population("gap.csv", ("solidity",), where="x = 1")
+
+
+def test_units_and_classes_of_tables(tmp_path):
+    def read(text, names=("length", "volume"), **options):
+        (tmp_path / "t.csv").write_text(text)
+        return read_population(tmp_path / "t.csv", names, **options)
+
+    # An inch is 25.4 mm; units are told whatever the case and the blanks.
+    for unit, metre in (("in", 0.0254), ("MM", 1e-3), ("mm ", 1e-3), (" Um", 1e-6), ("m", 1.0)):
+        found = read(f"length,volume,unit\n2.0,3.0,{unit}\n")
+        assert found.values[0] == pytest.approx([2.0 * metre, 3.0 * metre**3], rel=1e-14)
+        assert found.has_unit
+    for unit in ("inch", "furlong", ""):
+        with pytest.raises(SampleError, match=f"expected a unit of m, cm, mm, um, in in .*got '{unit}'"):
+            read(f"length,volume,unit,x\n2.0,3.0,{unit},1\n")
+    # What has no unit needs none.
+    assert read("solidity,unit\n0.5,inch\n", ("solidity",)).values[0, 0] == 0.5
+    assert not read("length,volume\n2.0,3.0\n").has_unit
+    assert read("length,volume\n2.0,3.0\n").units == ("m", "m³")
+    assert Population("x", ("surface_area", "inertia_1", "solidity", "other"), np.zeros((1, 4))).units == (
+        "m²", "m⁵", "", "",
+    )  # fmt: skip
+
+    one = read("solidity,class\n0.5,1\n0.6,2\n", ("solidity",), by="class")
+    other = read("solidity,class\n0.5,1.0\n0.6,2.0\n0.6,\n", ("solidity",), by="class")
+    assert one.classes == ("1", "2")
+    assert other.classes == ("1", "2", "(none)")
+    assert read("solidity,class\n0.5, cube\n0.6,\n", ("solidity",), by="class").classes == ("cube", "(none)")
+    assert read("solidity,class\n0.5,1.0\n0.6,a\n", ("solidity",), by="class").classes == ("1", "a")
+
+
+def test_columns_of_tables_that_mislead(tmp_path):
+    path = tmp_path / "t.csv"
+    path.write_text("solidity,roundness,solidity\n0.5,1,0.6\n")
+    with pytest.raises(
+        SampleError, match=r"expected one column 'solidity' in .*, got 2; rename or remove the others\."
+    ):
+        read_population(path, ("solidity",))
+    assert read_population(path, ("roundness",)).values[0, 0] == 1.0
+    # An error that is a number is how exact a value is, not why there is none.
+    path.write_text("solidity,error\n0.5,0.01\n0.6,0.0\n0.7,0.02\n")
+    assert len(read_population(path, ("solidity",))) == 3
+    path.write_text("solidity,error\n0.5,\n,not closed\n")
+    assert read_population(path, ("solidity",)).values.tolist() == [[0.5]]
+    with pytest.raises(SampleError, match=r"got 'zingg_class', which is a word: compare by it\.$"):
+        read_population(path, ("zingg_class",))
+    with pytest.raises(SampleError, match="Did you mean solidity"):
+        read_population(path, ("soliditi",))
 
 
 def test_command_import(run, folder):

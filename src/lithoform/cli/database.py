@@ -126,7 +126,8 @@ def build(
     if of_population and per_class is not None:
         raise RecipeError("a population recipe draws the dimensions itself; give --count in place of --per-class.")
     plan = plan_run(
-        count=_DEFAULT_COUNT if of_population and count is None else count, seed=0 if seed is None else seed, shape_class=class_, preset=preset, recipe=recipe,
+        count=_DEFAULT_COUNT if of_population and count is None else count, seed=0 if seed is None else seed,
+        shape_class=class_, preset=preset, recipe=recipe,
         settings=set_ or [], size=size, unit=unit, triangles=triangles, format=None,
     )  # fmt: skip
     measures = _measures(descriptors, box, scale, keep_meshes=keep_meshes)
@@ -230,24 +231,28 @@ def query(
     debug
         Show the traceback of an error.
     """
-    from lithoform.database.queries import query as ask
-    from lithoform.database.queries import table_to_csv
+    from lithoform.database.queries import stream, write_csv
+    from lithoform.database.store import Store
 
-    with opened(csv) as partial:
-        answer = ask(folder, sql)
-        if partial is not None:
-            partial.write_bytes(table_to_csv(answer))
-    if json_:
-        say(json.dumps(answer.to_pylist(), indent=2, default=str))
-        return 0
-    if csv is None:
-        shown = answer.slice(0, _SHOWN).to_pylist()
-        say_table([answer.column_names, *([_cell(row[name]) for name in answer.column_names] for row in shown)])
-    more = answer.num_rows - _SHOWN
+    store = Store(folder)
     if csv is not None:
-        say(f"{answer.num_rows} rows: {csv}")
-    elif more > 0:
-        say(f"... and {more} more rows; --csv writes them all.")
+        store.refuse_inside(csv)
+    with opened(csv) as partial, stream(store, sql) as (schema, batches):
+        if partial is not None:
+            with partial.open("w", encoding="utf-8", newline="") as sink:
+                count = write_csv(schema, batches, sink)
+            told = f"{count} rows: {csv}"
+        elif json_:
+            told = json.dumps([row for batch in batches for row in batch.to_pylist()], indent=2, default=str)
+        else:
+            shown, count = [], 0
+            for batch in batches:
+                shown += batch.slice(0, max(_SHOWN - len(shown), 0)).to_pylist()
+                count += batch.num_rows
+            say_table([schema.names, *([_cell(row[name]) for name in schema.names] for row in shown)])
+            told = f"... and {count - _SHOWN} more rows; --csv writes them all." if count > _SHOWN else ""
+    if told:
+        say(told)
     return 0
 
 

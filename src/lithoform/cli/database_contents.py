@@ -60,6 +60,8 @@ def show(
     if picture is not None and no_picture:
         raise RecipeError("--picture names a picture and --no-picture wants none; give one of them.")
     store = Store(folder)
+    if picture is not None:
+        store.refuse_inside(picture)
     found = summarise(store)
     drawn, reason = picture or folder / PICTURE_FILE, "it was not wanted." if no_picture else ""
     if not any(source.good for source in found.sources):
@@ -85,7 +87,10 @@ def show(
 
 
 def _draw_stones(store: Store, found: Summary, target: Path) -> None:
-    from lithoform.database.meshes import MESH_COLUMNS, choose, listed, particle_meshes, stream_rows
+    import pyarrow as pa
+
+    from lithoform.database.meshes import MESH_COLUMNS, particle_meshes, stream_rows
+    from lithoform.database.queries import rows_of
     from lithoform.database.summary import pick_examples
     from lithoform.figures.contact_sheet import ClassRow, Section, contact_sheet
     from lithoform.figures.gallery import png_bytes
@@ -97,7 +102,8 @@ def _draw_stones(store: Store, found: Summary, target: Path) -> None:
         pictured = [source for source in found.sources if source.good][:_PICTURED_SOURCES]
         names = {source.name for source in pictured}
         picked = [item for item in pick_examples(store, _STONES_A_CLASS) if item[0] in names]
-        rows = choose(store, [*MESH_COLUMNS, "volume"], listed((source, number) for source, _, number in picked))
+        sources, _, numbers = zip(*picked, strict=True)
+        rows = rows_of(store, [*MESH_COLUMNS, "volume"], pa.table({"source": sources, "number": numbers}))
         sizes = {(row["source"], row["number"]): row["volume"] for row in stream_rows(rows)}
         found_meshes = track(particle_meshes(store, stream_rows(rows)), total=len(sizes), what="stones")
         meshes = dict(zip(sizes, found_meshes, strict=True))
@@ -262,7 +268,9 @@ def grade(
         raise FileFormatError(f"expected --out with a name that ends in {' or '.join(TABLES)}; got {out}.")
     amount = _amount(mass, count, fill, packing_density)
     curves, store, least = _gradation(gradation), Store(folder), None if min_size is None else parse_length(min_size)
+    store.refuse_inside(out)
     if picture is not None:
+        store.refuse_inside(picture)
         load_module("matplotlib.figure")
     with opened(out) as table, opened(picture) as drawing:
         candidates = read_candidates(store, select, progress=True)

@@ -58,7 +58,8 @@ def generate(
     preset
         benchmark (Table 1 of the paper) or database (its setting for scanned stones) [default: database].
     recipe
-        TOML recipe, population recipe (see `lithoform match`), or the sidecar of a particle; without --seed and --count its very particle is made again.
+        TOML recipe, population recipe (see `lithoform match`), or the sidecar of a particle; without --seed and
+        --count its very particle is made again.
     set_
         NAME=VALUE: a parameter by its symbol in Table 1 (k, s, s_w, eta, delta, O, lambda, g, alpha, beta,
         gamma, kappa, A_L, f_L, a, p0, rho, L, W, H) or by its full name; may be repeated.

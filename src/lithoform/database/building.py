@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -114,18 +114,20 @@ def build(
     """
     measures = (measures or Measures()).resolved()
     plan.validate()
-    told = {**{k: v for k, v in plan.as_dict().items() if k not in ("count", "format", "unit")}, **measures.as_dict()}
+    # What is not there is left out, so that a later version may add to it.
+    asked = {k: v for k, v in plan.as_dict().items() if k not in ("count", "format", "unit") and v is not None}
+    told = {**asked, **measures.as_dict()}
     size = batch_size(plan.count, keep_meshes=measures.keep_meshes)
     entry = new_source(source, "generated", plan.count, batch=size, keeps_meshes=measures.keep_meshes, plan=told)
     job = {"plan": plan, "measures": measures, "device": device}
-    return carry_out(folder, entry, _generated_rows, job, workers=workers, scheduler=scheduler)
+    return carry_out(folder, entry, _generated_rows, lambda _: job, workers=workers, scheduler=scheduler)
 
 
 def carry_out(
     folder: str | Path,
     source: Source,
     rows_of: Any,
-    job: dict[str, Any],
+    job: Callable[[range], dict[str, Any]],
     *,
     workers: int | None,
     scheduler: str | None,
@@ -138,8 +140,8 @@ def carry_out(
     source : Source
     rows_of : callable
         A function of a module: of a job and a range of numbers, an iterator of rows with their meshes or None.
-    job : dict
-        What `rows_of` needs, in plain values.
+    job : callable
+        What `rows_of` needs for a range of numbers, in plain values.
     workers, scheduler
         As `spread`.
     """
@@ -154,7 +156,8 @@ def carry_out(
                 open_batches.append(batch)
         if not open_batches:
             return
-        jobs = ((rows_of, job, source, batch) for batch in open_batches)
+        bare = replace(source, plan={})  # workers need no list of all files
+        jobs = ((rows_of, job(source.numbers(batch)), bare, batch) for batch in open_batches)
         # Closed here, so that workers end before the folder is free for another run.
         with contextlib.closing(spread(make_batch, jobs, workers=workers, scheduler=scheduler)) as results:
             for batch, version, rows, meshes in results:
@@ -189,12 +192,16 @@ def guarded(row: dict[str, Any], work: Any) -> tuple[dict[str, Any], Any]:
     except MemoryError:
         raise
     except LithoformError as error:
-        return {**row, "error": " ".join(str(error).split())}, None
+        return {**row, "error": _plain(error)}, None
     except Exception as error:
         # A fault of ours or of a library in one particle is no reason to lose a long build.
-        text = " ".join(str(error).split())
-        return {**row, "error": f"it failed unexpectedly ({type(error).__name__}: {text})."}, None
+        return {**row, "error": f"it failed unexpectedly ({type(error).__name__}: {_plain(error)})."}, None
     return {**row, **more}, mesh
+
+
+def _plain(error: Exception) -> str:
+    """Message in one line of UTF-8: it may name a file whose name is no text in any coding."""
+    return " ".join(str(error).split()).encode(errors="surrogateescape").decode(errors="backslashreplace")
 
 
 def _generated_rows(job: dict[str, Any], numbers: Sequence[int]) -> Iterator[tuple[dict[str, Any], Any]]:

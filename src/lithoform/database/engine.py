@@ -10,6 +10,7 @@ import contextlib
 import logging
 import signal
 import tempfile
+import threading
 from collections.abc import Callable, Generator, Iterable, Iterator
 from importlib.metadata import version as _version_of
 from importlib.util import find_spec
@@ -81,6 +82,8 @@ def _over_cluster(
     work: Callable[[Any], Any], jobs: Iterator[Any], workers: int, scheduler: str | None
 ) -> Generator[Any, None, None]:
     from distributed import KilledWorker
+    from distributed.client import FutureCancelledError, FuturesCancelledError
+    from distributed.comm.core import CommClosedError
 
     with _client(workers, scheduler) as client:
         _require_same_version(client)
@@ -103,8 +106,13 @@ def _over_cluster(
                 f"workers died {error.allowed_failures + 1} times of the same batch: look at their memory and their "
                 "logs; what was finished is kept."
             ) from None
+        except (FutureCancelledError, FuturesCancelledError, CommClosedError):
+            raise ClusterError(
+                "the scheduler is gone: start it again, and give the same command; what was finished is kept."
+            ) from None
         finally:
-            client.cancel(list(pending))
+            with contextlib.suppress(CommClosedError):
+                client.cancel(list(pending))
 
 
 def _first_finished(client: Any, pending: set[Any]) -> set[Any]:
@@ -135,8 +143,25 @@ def _require_same_version(client: Any) -> None:
             raise ClusterError(f"the worker {worker} has {theirs}, and this is {ours}: install the same there.")
 
 
+@contextlib.contextmanager
+def _interrupts_ignored() -> Iterator[None]:
+    """Ignore interrupts for the second in which processes are started, which take this over from their parent.
+
+    A Ctrl-C is meant for this process; workers would end of it with a traceback each.  (A mask of blocked signals would
+    hold it back instead, but Python's starting of processes clears it.)
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    former = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, former)
+
+
 def _deaf_to_interrupts() -> Any:
-    """What keeps local workers from ending, with a traceback each, at the Ctrl-C that is meant for this process."""
+    """The same for workers that are started later, in the place of one that died."""
     from distributed import WorkerPlugin
 
     class Deaf(WorkerPlugin):
@@ -156,16 +181,17 @@ def _client(workers: int, scheduler: str | None) -> Iterator[Any]:
     settings = {"distributed.worker.memory.target": False, "distributed.worker.memory.spill": False}
     with contextlib.ExitStack() as stack:
         stack.enter_context(dask.config.set(settings))
+        logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what matters comes as an error
         try:
             if scheduler is None:
                 folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="lithoform-"))
-                cluster = LocalCluster(  # its dashboard on any port that is free, or two builds would want one
-                    n_workers=workers, threads_per_worker=1, processes=True, memory_limit=0,
-                    host="127.0.0.1", dashboard_address="127.0.0.1:0",
-                    local_directory=folder, silence_logs=logging.CRITICAL,
-                )  # fmt: skip
-                client = stack.enter_context(Client(stack.enter_context(cluster)))
-                client.register_plugin(_deaf_to_interrupts())
+                with _interrupts_ignored():
+                    cluster = LocalCluster(  # its dashboard on any port that is free, or two builds would want one
+                        n_workers=workers, threads_per_worker=1, processes=True, memory_limit=0, host="127.0.0.1",
+                        dashboard_address="127.0.0.1:0", local_directory=folder, silence_logs=logging.CRITICAL,
+                    )  # fmt: skip
+                    client = stack.enter_context(Client(stack.enter_context(cluster)))
+                    client.register_plugin(_deaf_to_interrupts())
             else:
                 client = stack.enter_context(Client(scheduler, timeout=_PATIENCE))
                 client.wait_for_workers(1, timeout=_PATIENCE)

@@ -23,7 +23,7 @@ from lithoform.database.meshes import (
     restored_particle,
     stream_rows,
 )
-from lithoform.database.queries import table_to_csv
+from lithoform.database.queries import rows_of, table_to_csv
 from lithoform.database.schema import particle_schema
 from lithoform.database.store import Store, is_store
 from lithoform.errors import FileFormatError, OutputError, SampleError, UnsoundMeshError
@@ -198,7 +198,8 @@ class Export:
         """CSV of the exported rows in SI units: the mesh file, and every column that has a value in some row."""
         import pyarrow as pa
 
-        rows = choose(self.store, particle_schema().names, self.chosen)
+        # The choice is not asked again: it may be a random one.
+        rows = rows_of(self.store, particle_schema().names, self._rows.select(["source", "number"]))
         told = rows.select([n for n in rows.column_names if rows[n].null_count < rows.num_rows])
         files = [self.file_name(row) for row in stream_rows(rows.select(["source", "number"]))]
         return table_to_csv(told.add_column(0, "mesh_file", pa.array(files, pa.string())))

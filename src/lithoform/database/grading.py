@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from lithoform.database.meshes import MESH_COLUMNS, choose, listed, particle_mesh, stream_rows
+from lithoform.database.meshes import MESH_COLUMNS, choose, particle_mesh, stream_rows
+from lithoform.database.queries import rows_of
 from lithoform.database.store import Store
 from lithoform.descriptors.measuring import measure
 from lithoform.errors import SampleError
@@ -95,7 +96,8 @@ def read_candidates(
     sizes = table["sieve_size"].to_numpy().astype(np.float64)
     unknown = np.flatnonzero(np.isnan(sizes))
     if len(unknown):
-        rows = choose(store, MESH_COLUMNS, chosen, also="sieve_size is null")
+        # The choice is not asked again: it may be a random one.
+        rows = rows_of(store, MESH_COLUMNS, table.take(unknown))
 
         def work(row: Mapping[str, Any]) -> float:
             return measure(particle_mesh(store, row, device=device), ("sieve_size",))["sieve_size"]
@@ -338,6 +340,8 @@ def verify(
     MeshError, FileFormatError
         As `lithoform.database.meshes.particle_mesh`.
     """
+    import pyarrow as pa
+
     if sample < 1:
         raise SampleError(f"expected a sample of at least 1 particle; got {sample}.")
     draw, candidates, n = grading.draw, grading.candidates, len(grading)
@@ -348,7 +352,8 @@ def verify(
     for i in picked.tolist():
         c = draw.candidates[i]
         wanted.setdefault((str(candidates.sources[c]), int(candidates.numbers[c])), []).append(i)
-    rows = choose(store, MESH_COLUMNS, listed(wanted))
+    sources, numbers = zip(*wanted, strict=True)
+    rows = rows_of(store, MESH_COLUMNS, pa.table({"source": sources, "number": numbers}))
     scales = grading.scales
 
     def work(row: Mapping[str, Any]) -> list[tuple[int, float, float]]:

@@ -68,32 +68,39 @@ def import_scans(
     absent = [file for file in files if not file.exists()]
     if absent:
         raise FileFormatError(f"there is no {absent[0]}; name files or folders of scans.")
-    plan = {"files": [[str(file), _size(file)] for file in files], "unit": unit, "triangles": triangles,
+    # By their content, so that an import that goes on later takes the same files.
+    plan = {"files": [[_text(file), _digest(file)] for file in files], "unit": unit, "triangles": triangles,
             **measures.as_dict()}  # fmt: skip
     size = batch_size(len(files), keep_meshes=True)
     entry = new_source(source, "scanned", len(files), batch=size, keeps_meshes=measures.keep_meshes, plan=plan)
-    job = {"files": [str(file.absolute()) for file in files], "told": [str(file) for file in files], "unit": unit,
-           "triangles": triangles, "measures": measures}  # fmt: skip
+
+    def job(numbers: Sequence[int]) -> dict[str, Any]:
+        mine = [(str(files[n - 1].absolute()), _text(files[n - 1])) for n in numbers]
+        return {"files": mine, "unit": unit, "triangles": triangles, "measures": measures}
+
     return carry_out(folder, entry, _scanned_rows, job, workers=workers, scheduler=scheduler)
 
 
-def _size(file: Path) -> int | None:
-    """Size of a file [bytes], by which a later run knows whether it is still the same; None if it cannot be told."""
+def _text(file: Path) -> str:
+    """Name of a file as a text that every file takes: names may hold bytes that are no text in any coding."""
+    return str(file).encode(errors="surrogateescape").decode(errors="backslashreplace")
+
+
+def _digest(file: Path) -> str | None:
+    """SHA-256 of a file's content; None if it cannot be read, which its row will tell."""
     try:
-        return file.stat().st_size
-    except OSError:
+        return hashlib.sha256(read_bytes(file)).hexdigest()
+    except FileFormatError:
         return None
 
 
 def _scanned_rows(job: dict[str, Any], numbers: Sequence[int]) -> Iterator[tuple[dict[str, Any], Any]]:
-    for number in numbers:
-        path = Path(job["files"][number - 1])
-        row = {"file": job["told"][number - 1]}
-        yield guarded(row, lambda path=path: _measured(path, job))
+    for path, told in job["files"]:
+        yield guarded({"file": told}, lambda path=path: _measured(Path(path), job))
 
 
 def _measured(path: Path, job: dict[str, Any]) -> tuple[dict[str, Any], Any]:
-    digest = hashlib.sha256(read_bytes(path)).hexdigest()
+    digest = _digest(path)
     scan = read_scan(path, unit=job["unit"], triangles=job["triangles"])
     row = job["measures"].row(scan.mesh)
     told = {"file_sha256": digest, "file_format": scan.source_format, "repairs": [*scan.repairs]}

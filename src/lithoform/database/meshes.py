@@ -22,8 +22,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 __all__ = [
-    "MESH_COLUMNS", "choose", "listed", "particle_mesh", "particle_meshes", "particle_name", "restored_particle",
-    "stream_rows",
+    "MESH_COLUMNS", "choose", "particle_mesh", "particle_meshes", "particle_name", "restored_particle", "stream_rows",
 ]  # fmt: skip
 
 MESH_COLUMNS: Final = (
@@ -36,7 +35,7 @@ _STATEMENT: Final = re.compile(r"\s*(?:select|with|from)\b", re.IGNORECASE)
 _ROWS_AT_ONCE: Final = 256
 
 
-def choose(store: Store, columns: Sequence[str], chosen: str | None = None, *, also: str | None = None) -> pa.Table:
+def choose(store: Store, columns: Sequence[str], chosen: str | None = None) -> pa.Table:
     """Columns of the particles that a choice means, source by source, by number; those in error are left out.
 
     Parameters
@@ -45,8 +44,6 @@ def choose(store: Store, columns: Sequence[str], chosen: str | None = None, *, a
     columns : sequence of str
     chosen : str, optional
         A condition, what stands after WHERE, or a whole SELECT that gives source and number; all by default.
-    also : str, optional
-        A further condition.
 
     Raises
     ------
@@ -64,15 +61,7 @@ def choose(store: Store, columns: Sequence[str], chosen: str | None = None, *, a
                 f"{', '.join(given)}."
             )
         condition = f"(source, number) in (select source, number from (\n{statement}\n))"
-    both = [f"(\n{text}\n)" for text in (condition, also) if text]
-    return select(store, columns, " and ".join(both) or None)
-
-
-def listed(particles: Iterable[tuple[str, int]]) -> str:
-    """Condition that holds for these particles of a database, given by source and number; at least one."""
-    # Names of sources hold no quotes: the store takes letters, digits, - and _ alone.
-    pairs = ", ".join(f"('{source}', {number})" for source, number in particles)
-    return f"(source, number) in (values {pairs})"
+    return select(store, columns, condition)
 
 
 def stream_rows(table: pa.Table) -> Iterator[dict[str, Any]]:

@@ -1,4 +1,4 @@
-"""SQL over a database, answered by DuckDB, which reads the Parquet files in place."""
+"""SQL over a database, answered by DuckDB over the Parquet files in place."""
 
 from __future__ import annotations
 
@@ -6,22 +6,25 @@ import contextlib
 import csv
 import io
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final, TextIO
 
 from lithoform.database.schema import particle_schema
 from lithoform.database.store import Store
-from lithoform.errors import SampleError
+from lithoform.errors import LithoformError, SampleError
 from lithoform.parameters import suggest
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["query", "select", "table_to_csv"]
+__all__ = ["query", "rows_of", "select", "stream", "table_to_csv", "write_csv"]
+
+_ROWS_AT_ONCE: Final = 8192
 
 
-def query(folder: str | Path | Store, sql: str) -> pa.Table:
+def query(folder: str | Path | Store, sql: str, *, tables: Mapping[str, pa.Table] | None = None) -> pa.Table:
     """Answer to a SELECT over the table `particles`, which has a row a particle.
 
     Parameters
@@ -29,6 +32,8 @@ def query(folder: str | Path | Store, sql: str) -> pa.Table:
     folder : path-like or Store
     sql : str
         One statement in DuckDB's SQL.  It reads this database and nothing else.
+    tables : mapping, optional
+        Further tables that the statement may name.
 
     Returns
     -------
@@ -41,21 +46,55 @@ def query(folder: str | Path | Store, sql: str) -> pa.Table:
     FileFormatError
         If the folder is no database, or a file of it is damaged.
     """
-    store = folder if isinstance(folder, Store) else Store(folder)
+    import pyarrow as pa
+
+    with stream(folder, sql, tables=tables) as (schema, batches):
+        return pa.Table.from_batches(list(batches), schema=schema)
+
+
+@contextlib.contextmanager
+def stream(
+    folder: str | Path | Store, sql: str, *, tables: Mapping[str, pa.Table] | None = None
+) -> Iterator[tuple[pa.Schema, Iterator[pa.RecordBatch]]]:
+    """As `query`, part by part: the columns, and an iterator of rows that lives as long as the block.
+
+    An interrupt (Ctrl-C) ends the work of DuckDB, too.
+    """
     import duckdb
 
-    with _connected(store) as connection:
-        try:
-            statements = connection.extract_statements(sql)
-            if len(statements) != 1 or statements[0].type.name != "SELECT":
-                raise SampleError('expected one SELECT, such as "select class, avg(roundness) from particles group by '
-                                  f'class"; got {sql!r}.')  # fmt: skip
-            return connection.sql(statements[0].query).to_arrow_table()
-        except duckdb.Error as error:
-            if isinstance(error, (duckdb.IOException, duckdb.InvalidInputException)):
-                # Not the query but a file may be at fault; reading them all tells which.
-                store.table(["number"])
-            raise SampleError(f"the query cannot be answered: {_first_line(error)}") from None
+    store = folder if isinstance(folder, Store) else Store(folder)
+    with contextlib.ExitStack() as stack, _told(store):
+        connection = stack.enter_context(_connected(store, tables or {}))
+        # In a thread, since the interpreter sees an interrupt only between two calls.
+        worker = stack.enter_context(ThreadPoolExecutor(1))
+        stack.callback(connection.interrupt)
+        statements = connection.extract_statements(sql)
+        if len(statements) != 1 or statements[0].type != duckdb.StatementType.SELECT:
+            raise SampleError('expected one SELECT, such as "select class, avg(roundness) from particles group by '
+                              f'class"; got {sql!r}.')  # fmt: skip
+        reader = worker.submit(lambda: connection.sql(statements[0].query).to_arrow_reader(_ROWS_AT_ONCE)).result()
+
+        def batches() -> Iterator[pa.RecordBatch]:
+            with _told(store):
+                while (batch := worker.submit(next, reader, None).result()) is not None:
+                    yield batch
+
+        yield reader.schema, batches()
+
+
+@contextlib.contextmanager
+def _told(store: Store) -> Iterator[None]:
+    """Faults of DuckDB as one sentence; where a file of the database is at fault, as that file's."""
+    import duckdb
+    import pyarrow as pa
+
+    try:
+        yield
+    except (duckdb.Error, pa.ArrowException, OSError, RuntimeError) as error:
+        if isinstance(error, LithoformError):
+            raise
+        store.table()  # reads every file, and tells which is damaged
+        raise SampleError(f"the query cannot be answered: {_first_line(error)}") from None
 
 
 def select(folder: str | Path | Store, columns: Sequence[str], where: str | None = None) -> pa.Table:
@@ -73,7 +112,10 @@ def select(folder: str | Path | Store, columns: Sequence[str], where: str | None
     SampleError
         If there is no such column, the nearest being named, or the condition is not valid.
     """
-    store = folder if isinstance(folder, Store) else Store(folder)
+    return _selected(folder if isinstance(folder, Store) else Store(folder), columns, where, None)
+
+
+def _selected(store: Store, columns: Sequence[str], where: str | None, tables: Any) -> pa.Table:
     known = particle_schema().names
     for name in columns:
         if name not in known:
@@ -83,42 +125,71 @@ def select(folder: str | Path | Store, columns: Sequence[str], where: str | None
     by_source = f"case source{order} end, " if order else ""
     # Line breaks, so that a comment at the end of the condition comments out nothing else.
     condition = f" and (\n{where}\n)" if where else ""
-    return query(store, f"select {listed} from particles where error is null{condition} order by {by_source}number")
+    sql = f"select {listed} from particles where error is null{condition} order by {by_source}number"
+    return query(store, sql, tables=tables)
+
+
+def rows_of(store: Store, columns: Sequence[str], keys: pa.Table) -> pa.Table:
+    """Columns of particles named by source and number, in the order of `select`.
+
+    Parameters
+    ----------
+    store : Store
+    columns : sequence of str
+    keys : pyarrow.Table
+        With the columns source and number, as `select` gives them.
+    """
+    return _selected(store, columns, "(source, number) in (select source, number from chosen)", {"chosen": keys})
+
+
+def write_csv(schema: pa.Schema, batches: Iterable[pa.RecordBatch], sink: TextIO) -> int:
+    """Write rows as CSV with a head, lists as JSON, numbers with all their digits; how many there were."""
+    writer = csv.writer(sink, lineterminator="\n")
+    writer.writerow(schema.names)
+    count = 0
+    for batch in batches:
+        count += batch.num_rows
+        for row in zip(*(column.to_pylist() for column in batch.columns), strict=True):
+            writer.writerow(["" if v is None else json.dumps(v, default=str) if isinstance(v, (list, dict)) else v
+                             for v in row])  # fmt: skip
+    return count
 
 
 def table_to_csv(table: pa.Table) -> bytes:
-    """A table as CSV with a head; lists as JSON, numbers with all their digits."""
+    """A table as CSV, as `write_csv` writes it."""
     out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(table.column_names)
-    for batch in table.to_batches():
-        for row in zip(*(column.to_pylist() for column in batch.columns), strict=True):
-            writer.writerow([json.dumps(v) if isinstance(v, (list, dict)) else "" if v is None else v for v in row])
+    write_csv(table.schema, table.to_batches(), out)
     return out.getvalue().encode()
 
 
 @contextlib.contextmanager
-def _connected(store: Store) -> Iterator[Any]:
+def _connected(store: Store, tables: Mapping[str, pa.Table]) -> Iterator[Any]:
     import duckdb
 
-    settings: dict[str, Any] = {"autoinstall_known_extensions": "false", "autoload_known_extensions": "false"}
+    # What reads files is off: Arrow reads those of the database, by their very names, and tries their checksums.
+    settings: dict[str, Any] = {
+        "autoinstall_known_extensions": "false", "autoload_known_extensions": "false",
+        "python_enable_replacements": "false", "enable_external_access": "false",
+    }  # fmt: skip
     with duckdb.connect(":memory:", config=settings) as connection:
-        files = [str(path) for path in store.files]
-        if files:
-            connection.execute(f"set allowed_paths = [{', '.join(map(_quoted, files))}]")
-            connection.execute("set enable_external_access = false")
-            connection.execute(
-                f"create view particles as select * from read_parquet([{', '.join(map(_quoted, files))}])"
-            )
-        else:
-            connection.execute("set enable_external_access = false")
-            connection.register("particles", particle_schema().empty_table())
+        connection.register("particles", _dataset(store))
+        for name, table in tables.items():
+            connection.register(name, table)
         connection.execute("set lock_configuration = true")
         yield connection
 
 
-def _quoted(text: str) -> str:
-    return "'" + text.replace("'", "''") + "'"
+def _dataset(store: Store) -> Any:
+    import pyarrow.dataset as ds
+    from pyarrow.fs import LocalFileSystem
+
+    files = [str(path.absolute()) for path in store.files]
+    schema = particle_schema().remove_metadata()
+    if not files:
+        return schema.empty_table()
+    options = ds.ParquetFragmentScanOptions(page_checksum_verification=True)
+    form = ds.ParquetFileFormat(default_fragment_scan_options=options)
+    return ds.FileSystemDataset.from_paths(files, schema=schema, format=form, filesystem=LocalFileSystem())
 
 
 def _first_line(error: Exception) -> str:

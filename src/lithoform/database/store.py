@@ -31,10 +31,12 @@ if TYPE_CHECKING:
 __all__ = ["MANIFEST", "Source", "Store", "is_store", "new_source"]
 
 MANIFEST: Final = "database.json"
+KINDS: Final = ("generated", "scanned")
 _FORMAT: Final = "lithoform database"
 _SOURCE_NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}", re.ASCII)
 _BATCH_FILE: Final = re.compile(r"([A-Za-z0-9][A-Za-z0-9_-]*)\.(\d{6,})\.parquet", re.ASCII)
 _FOLDERS: Final = ("particles", "meshes")
+_ABSENT: Final = object()
 
 
 @dataclass(frozen=True)
@@ -80,7 +82,10 @@ class Source:
 
 def is_store(folder: str | Path) -> bool:
     """Whether a folder is, or claims to be, a database."""
-    return (Path(folder) / MANIFEST).is_file()
+    try:
+        return (Path(folder) / MANIFEST).is_file()
+    except PermissionError as error:
+        raise FileFormatError(f"{folder} cannot be read: {error.strerror}; allow reading it.") from None
 
 
 class Store:
@@ -98,6 +103,7 @@ class Store:
 
     def __init__(self, folder: str | Path) -> None:
         self.folder = Path(folder)
+        _require_plain_name(self.folder)
         self.sources = _read_manifest(self.folder)
 
     @classmethod
@@ -113,6 +119,7 @@ class Store:
             As the class.
         """
         folder = Path(folder)
+        _require_plain_name(folder)
         make_folder(folder)
         with folder_lock(folder):
             if not is_store(folder):
@@ -123,6 +130,12 @@ class Store:
                 make_folder(folder / name)
                 remove_partials(folder / name)
             yield cls(folder)
+
+    def refuse_inside(self, path: str | Path) -> None:
+        """Refuse to write a result over a file of the database."""
+        place, home = Path(path).resolve(), self.folder.resolve()
+        if place == home / MANIFEST or any(place.is_relative_to(home / name) for name in _FOLDERS):
+            raise OutputError(f"{path} is among the files of the database {self.folder}; name another file.")
 
     def add(self, source: Source) -> None:
         """Enter a source, or find that it is there with the same plan; only while the store is held for writing.
@@ -136,7 +149,11 @@ class Store:
             raise OutputError(f"expected a source of letters, digits, - and _ (at most 64); got {source.name!r}.")
         # Two names that differ in case alone would be one file on some systems.
         taken = {name.lower(): name for name in self.sources}.get(source.name.lower())
-        if taken is None:
+        if taken is not None and taken != source.name:
+            raise OutputError(f"{self.folder} holds {taken!r}, which differs from {source.name!r} in case alone: give "
+                              "the new particles another --source.")  # fmt: skip
+        # A source without a batch was stopped before it had begun; it may begin again otherwise.
+        if taken is None or not self.present(self.sources[taken]):
             _write_manifest(self.folder, {**self.sources, source.name: source})
             self.sources[source.name] = source
             return
@@ -149,7 +166,7 @@ class Store:
         if former != source:
             ours = {**former.as_dict(), **former.plan}
             theirs = {**source.as_dict(), **source.plan}
-            names = sorted(k for k in {*ours, *theirs} - {"plan"} if ours.get(k) != theirs.get(k)) or ["name"]
+            names = sorted(k for k in {*ours, *theirs} - {"plan"} if ours.get(k, _ABSENT) != theirs.get(k, _ABSENT))
             raise OutputError(
                 f"{self.folder} holds {taken!r} with other settings ({', '.join(names)} differ): give the same command "
                 "to finish it, or another --source or folder for the new particles."
@@ -161,17 +178,24 @@ class Store:
 
     def present(self, source: Source) -> list[int]:
         """Batches that are there, sorted."""
-        return [number for name, number, _ in self._files if name == source.name and number <= source.batches]
+        return [number for name, number, _ in self._files if name == source.name]
 
     @property
     def _files(self) -> list[tuple[str, int, Path]]:
         order = {name: place for place, name in enumerate(self.sources)}
         found = []
-        with contextlib.suppress(FileNotFoundError):
+        try:
             for path in (self.folder / "particles").iterdir():
                 match = _BATCH_FILE.fullmatch(path.name)
-                if match and match[1] in order and path.name == f"{match[1]}.{int(match[2]):06d}.parquet":
-                    found.append((match[1], int(match[2]), path))
+                if match is None or match[1] not in order:
+                    continue
+                source, number = self.sources[match[1]], int(match[2])
+                if 1 <= number <= source.batches and path.name == f"{source.name}.{number:06d}.parquet":
+                    found.append((source.name, number, path))
+        except FileNotFoundError:
+            return []  # nothing was built yet
+        except OSError as error:
+            raise FileFormatError(f"{self.folder / 'particles'} cannot be read: {error.strerror}; mend it.") from None
         return sorted(found, key=lambda item: (order[item[0]], item[1]))
 
     @property
@@ -202,10 +226,18 @@ class Store:
         _write_parquet(self.path(source, batch), rows, row_group_size=max(rows.num_rows, 1))
 
     def damaged(self, source: Source, batch: int) -> str:
-        """What is wrong with a batch that is there; empty if it is whole.  Every byte is read."""
+        """What is wrong with a batch that is there; empty if it is whole.  Every byte is read.
+
+        One that may not be read is a `FileFormatError`: it could be whole.
+        """
         try:
             rows = _read_parquet(self.path(source, batch))
-            if not rows.schema.equals(particle_schema()) or rows["number"].to_pylist() != [*source.numbers(batch)]:
+            told = (
+                [{*rows[name].to_pylist()} for name in ("source", "kind")]
+                if rows.schema.equals(particle_schema())
+                else []
+            )
+            if told != [{source.name}, {source.kind}] or rows["number"].to_pylist() != [*source.numbers(batch)]:
                 return "its rows are not those of its source"
             if source.keeps_meshes:
                 kept = _read_parquet(self.path(source, batch, meshes=True), ["number", "content_hash"])
@@ -214,6 +246,8 @@ class Store:
                 if [*zip(*(kept[c].to_pylist() for c in ("number", "content_hash")), strict=True)] != made:
                     return "its meshes are not those of its rows"
         except FileFormatError as error:
+            if isinstance(error.__context__, PermissionError):
+                raise
             return str(error)
         return ""
 
@@ -281,8 +315,9 @@ def _read_parquet(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
     import pyarrow.parquet as pq
 
     try:
-        with path.open("rb") as file:
-            return pq.read_table(file, columns=columns, page_checksum_verification=True)
+        # Not the open file: threads of Arrow that hold one after the interpreter has gone end the process.
+        content = pa.BufferReader(path.read_bytes())
+        return pq.read_table(content, columns=columns, page_checksum_verification=True)
     except (OSError, pa.ArrowException) as error:
         raise _damage(path, error) from None
 
@@ -294,6 +329,14 @@ def _damage(path: Path, reason: object) -> FileFormatError:
     return FileFormatError(
         f"{path} is damaged ({text}): give the command that made it again, which makes this batch anew."
     )
+
+
+def _require_plain_name(folder: Path) -> None:
+    """Refuse a name that Arrow cannot open."""
+    try:
+        str(folder.absolute()).encode()
+    except UnicodeEncodeError:
+        raise FileFormatError(f"expected a folder whose name is UTF-8; got {str(folder)!r}: rename it.") from None
 
 
 def _require_empty(folder: Path) -> None:
@@ -317,7 +360,7 @@ def _write_manifest(folder: Path, sources: dict[str, Source]) -> None:
 
 def _read_manifest(folder: Path) -> dict[str, Source]:
     path = folder / MANIFEST
-    if not path.is_file():
+    if not is_store(folder):
         what = "is not there" if not folder.exists() else f"holds no database (there is no {MANIFEST})"
         raise FileFormatError(f"{folder} {what}; make one with lithoform database build.")
     try:
@@ -328,6 +371,8 @@ def _read_manifest(folder: Path) -> dict[str, Source]:
         raise FileFormatError(f"{path} is truncated or damaged; restore it from a copy.") from None
     if not isinstance(content, dict) or content.get("format") != _FORMAT or type(content.get("schema")) is not int:
         raise FileFormatError(f"{path} is not of a lithoform database; name another folder.")
+    if content["schema"] < 1:
+        raise FileFormatError(f"{path} is damaged: there is no schema {content['schema']}.")
     if content["schema"] > SCHEMA_VERSION:
         raise FileFormatError(
             f"{folder} is a database of schema {content['schema']}, newer than {SCHEMA_VERSION}; update lithoform."
@@ -337,7 +382,8 @@ def _read_manifest(folder: Path) -> dict[str, Source]:
         kinds = {"name": str, "kind": str, "count": int, "batch": int, "keeps_meshes": bool, "lithoform": str,
                  "plan": dict}  # fmt: skip
         if all(type(getattr(s, k)) is kind for s in sources.values() for k, kind in kinds.items()) and all(
-            s.count >= 1 and s.batch >= 1 and _SOURCE_NAME.fullmatch(s.name) for s in sources.values()
+            s.count >= 1 and s.batch >= 1 and s.kind in KINDS and _SOURCE_NAME.fullmatch(s.name)
+            for s in sources.values()
         ):
             return sources
     except (KeyError, TypeError, AttributeError):
