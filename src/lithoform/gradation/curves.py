@@ -17,6 +17,7 @@ import math
 import re
 from dataclasses import dataclass
 from decimal import Decimal
+from itertools import pairwise
 from pathlib import Path
 from typing import Final, Literal
 
@@ -38,6 +39,8 @@ __all__ = [
 ]
 
 Curve = Literal["low", "mid", "high"]
+
+_FINEST, _COARSEST, _STEP = 1e-9, 1e3, 1e-4
 
 SAME_OPENING: Final = 1e-9
 """Relative distance within which two openings are one: 2.36 / 1000 is not the float that 0.00236 is."""
@@ -104,6 +107,10 @@ class Gradation:
         if not (self.openings[-1] > 0.0 and self.openings[0] < math.inf and np.all(np.diff(self.openings) < 0.0)):
             raise RecipeError(f"{label} needs positive openings in metres from the coarsest to the finest, each once; "
                               f"got {self.openings}.")  # fmt: skip
+        if not (self.openings[-1] >= _FINEST and self.openings[0] <= _COARSEST
+                and all(b <= (1.0 - _STEP) * a for a, b in pairwise(self.openings))):  # fmt: skip
+            raise RecipeError(f"{label} needs openings of {_FINEST:g} to {_COARSEST:g} m, each finer than the last by "
+                              f"{100.0 * _STEP:g} % at least; got {self.openings}.")  # fmt: skip
         for curve in (self.passing_low, self.passing_high):
             if not (curve[-1] >= 0.0 and curve[0] <= 100.0 and np.all(np.diff(curve) <= 0.0)):
                 raise RecipeError(f"{label} needs percentages of 0 to 100 that fall with the opening; got {curve}.")

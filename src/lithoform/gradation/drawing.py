@@ -162,9 +162,11 @@ def draw_sizes(
     if not given.get("count", 1.0).is_integer():
         raise RecipeError(f"expected a whole number of particles; got {count!r}.")
     v = np.atleast_1d(np.asarray(unit_volumes, dtype=np.float64))
-    if v.ndim != 1 or not v.size or not (np.isfinite(v) & (v > 0.0)).all() or not 0.0 < density < math.inf:
-        raise RecipeError(f"expected a positive density and positive unit volumes, one a candidate; got {density!r} "
-                          f"and {unit_volumes!r}.")  # fmt: skip
+    if not 0.0 < density < math.inf:
+        raise RecipeError(f"expected a positive density [kg/m^3]; got {density!r}.")
+    if v.ndim != 1 or not v.size or not (np.isfinite(v) & (v > 0.0)).all():
+        worst = float(v.ravel()[int(np.argmin(np.where(np.isfinite(v), v, -math.inf)))]) if v.size else "none"
+        raise RecipeError(f"expected positive unit volumes, one a candidate; got {worst}.")
     if spread not in ("mass", "count"):
         raise RecipeError(f"expected a spread of mass or count; got {spread!r}.")
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or not 0 <= seed <= MAX_SEED:
@@ -186,7 +188,8 @@ def draw_sizes(
         least = 1.001 * max(b.least_volume() for b in bins)
         enough = {"volume": f"{least:.4g} m^3", "mass": f"{least * density:.4g} kg",
                   "count": f"{sum(b.number(least) for b in bins)} particles"}[next(iter(given))]  # fmt: skip
-        raise RecipeError(f"{next(iter(given.values())):g} is too small a {next(iter(given))} for whole particles to "
+        asked, unit = next(iter(given)), {"mass": " kg", "volume": " m^3", "count": ""}
+        raise RecipeError(f"{given[asked]:g}{unit[asked]} is too small a {asked} for whole particles to "
                           f"meet the curve within {TOLERANCE:g} % at every sieve; {enough} will do.")  # fmt: skip
     return drawn
 
