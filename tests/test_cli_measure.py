@@ -154,7 +154,7 @@ def test_picture_writes_a_png_of_the_panels_asked_for(run, files, drawing):
 def test_figures_of_the_paper_on_shape(run, files, drawing):
     status, out, _ = run("reproduce", "--list")
     assert status == 0
-    assert [line.split()[0] for line in out.splitlines()] [:3] == ["fig2", "fig3", "fig4"]
+    assert [line.split()[0] for line in out.splitlines()][:3] == ["fig2", "fig3", "fig4"]
     status, out, _ = run("reproduce", "fig3", "--triangles", "5000", "--json")
     assert status == 0
     assert json.loads(out)["files"] == ["figures/fig3.png"]

@@ -333,8 +333,8 @@ def test_units_and_classes_of_tables(tmp_path):
         found = read(f"length,volume,unit\n2.0,3.0,{unit}\n")
         assert found.values[0] == pytest.approx([2.0 * metre, 3.0 * metre**3], rel=1e-14)
         assert found.has_unit
-    for unit in ("inch", "furlong", ""):
-        with pytest.raises(SampleError, match=f"expected a unit of m, cm, mm, um, in in .*got '{unit}'"):
+    for unit, told in (("inch", "'inch'"), ("furlong", "'furlong'"), ("", "none of a particle")):
+        with pytest.raises(SampleError, match=f"expected a unit of m, cm, mm, um, in in .*got {told}; change"):
             read(f"length,volume,unit,x\n2.0,3.0,{unit},1\n")
     # What has no unit needs none.
     assert read("solidity,unit\n0.5,inch\n", ("solidity",)).values[0, 0] == 0.5

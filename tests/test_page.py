@@ -123,6 +123,16 @@ def test_it_has_two_schemes_and_a_form_for_paper() -> None:
     assert light == dark == printed
 
 
+def test_long_names_can_be_broken() -> None:
+    text = full("x" * 300).to_bytes().decode()
+    assert re.search(r"\.text \{[^}]*max-width: \d+rem; overflow-wrap: break-word", text)
+    assert not re.search(r"nowrap", text)
+    page = Page("x")
+    page.add(Table(("name",), (("maximum_projection_sphericity",),)))
+    assert texts(parsed(page), "td") == ["maximum_projection_sphericity"]
+    assert page.to_bytes().count(b"<wbr />") == 2
+
+
 def test_the_same_blocks_give_the_same_bytes() -> None:
     assert full().to_bytes() == full().to_bytes()
 

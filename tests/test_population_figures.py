@@ -73,7 +73,7 @@ def test_the_indices_are_those_of_the_comparison(monkeypatch: pytest.MonkeyPatch
     bc, kl, js = (found.index(name) for name in ("bhattacharyya", "kullback_leibler", "jensen_shannon"))
     assert line == (
         f"BC {bc.value:.3f} ({bc.floor_mean:.3f})   KL {kl.value:.3f} ({kl.floor_mean:.3f})   "
-        f"JS {js.value:.3f} ({js.floor_mean:.3f})   p {bc.p:.2g}"
+        f"JS {js.value:.3f} ({js.floor_mean:.3f})   p of BC {bc.p:.2g}"
     )
     (tails,) = [text for text in shown if text.startswith("P5 ")]
     assert any(text.startswith("P95 ") for text in shown)
@@ -81,6 +81,8 @@ def test_the_indices_are_those_of_the_comparison(monkeypatch: pytest.MonkeyPatch
     (ks,) = [text for text in shown if text.startswith("KS ")]
     greatest = stats.ks_2samp(*one.values).statistic
     assert ks.startswith(f"KS {greatest:.3f} (")
+    assert ks.endswith(f"p of KS {found.index('kolmogorov_smirnov').p:.2g}")
+    assert sum("p is not adjusted" in text for text in shown) == 2
 
 
 def test_bars_are_the_counts_of_the_comparison(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -351,13 +351,22 @@ def test_populations_by_class():
     cube, plate = found.classes
     assert cube.descriptors[1].means == (a[60:, 1].mean(), b[:60, 1].mean())
     adjusted = found.adjusted()
-    assert adjusted.shape == (3, 2)
+    assert adjusted.shape == (3, 3)
     assert cube.joint.energy.p == 1 / 200
     assert plate.joint.energy.p > 0.05
-    # The shifted descriptor of the cubes, and with it the pooled one: the least p of 6, times 6.
-    assert adjusted[1, 1] == pytest.approx(6 / 200)
-    raw = np.array([[one.index("energy_distance").p for one in g.descriptors] for g in (found.pooled, *found.classes)])
+    # The shifted descriptor of the cubes, and with it the pooled one and both joint tests: the least p of 9, times 9.
+    assert adjusted[1, 1] == adjusted[1, 2] == pytest.approx(9 / 200)
+    raw = np.array([
+        [*(one.index("energy_distance").p for one in g.descriptors), g.joint.energy.p]
+        for g in (found.pooled, *found.classes)
+    ])  # fmt: skip
     assert (adjusted >= raw).all()
+
+
+def test_of_one_descriptor_the_joint_test_is_not_counted_twice():
+    a, b = np.random.default_rng(35).normal(size=(2, 30, 1))
+    found = compare_populations(a, b, ["R"], seed=7, permutations=99, bootstrap=10)
+    assert found.adjusted().tolist() == [[found.pooled.descriptors[0].index("energy_distance").p] * 2]
 
 
 _BYTES = """
@@ -405,6 +414,16 @@ def test_indices_do_not_depend_on_the_unit():
         assert scaled[name].value == pytest.approx(factor * one.value, rel=1e-12)
 
 
+def test_the_kernel_scale_where_most_values_are_alike():
+    # 18 values are 0, the others 1 and 3: the distances above 0 are 1 and 3, each 18 times, and one of 2,
+    # which is their median, over the pooled standard deviation.
+    a, b = [[0.0]] * 9 + [[1.0]], [[0.0]] * 9 + [[3.0]]
+    found = joint_mmd_test(a, b, seed=0, permutations=50)
+    deviation = np.std([0.0] * 18 + [1.0, 3.0], ddof=1)
+    assert found.scale == pytest.approx(2.0 / deviation, rel=1e-12)
+    assert 0.0 < found.p <= 1.0
+
+
 GOOD = [[1.0, 2.0], [3.0, 5.0], [4.0, 1.0]]
 
 
@@ -429,7 +448,6 @@ GOOD = [[1.0, 2.0], [3.0, 5.0], [4.0, 1.0]]
         (lambda: compare_joint(GOOD, GOOD, seed=0, strata=("aab", "aa")), "class for each particle"),
         (lambda: compare_samples([1, 2], [3, 4], seed=0, strata=("a", "ab")), "class for each particle"),
         (lambda: joint_mmd_test(GOOD, GOOD, seed=0, scale=0.0), "scale above 0"),
-        (lambda: joint_mmd_test([[0.0]] * 9 + [[1.0]], [[0.0]] * 9, seed=0), "scale above 0"),
         (lambda: compare_populations(GOOD, GOOD, ["R"], seed=0), "name for each column"),
         (lambda: compare_populations(GOOD, GOOD, "RB", seed=0, classes=(["a"], ["a"])), "class for each particle"),
         (lambda: compare_populations(GOOD, GOOD, "RB", seed=0, classes=("aab", "aaa")), "same classes"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import io
 import json
@@ -24,9 +25,9 @@ from lithoform.figures.populations import (
     histogram_figure,
     require_figures,
 )
-from lithoform.report.comparison_page import Drawing, comparison_page, group_name
-from lithoform.report.study import Study, detectable_shift
-from lithoform.report.verdicts import Verdict, joint_verdict, mix_notes, verdicts
+from lithoform.report.comparison_page import Drawing, comparison_page, group_name, with_unit
+from lithoform.report.study import Study
+from lithoform.report.verdicts import Verdict, joint_kind, joint_verdict, mix_notes, p_text, verdicts
 from lithoform.sidecar import program_version
 from lithoform.statistics.comparison import ClassComparison, SampleComparison
 
@@ -60,15 +61,15 @@ _ESTIMATES: Final = ("mean_difference", "cohen_d", "hedges_g", "superiority", "c
 
 _HISTOGRAMS: Final = (
     "Histograms of all particles, in the manner of Fig. 8b: kernel curves, means (dotted), indices with what chance "
-    "alone gives in brackets, and the p of BC."
+    "alone gives in brackets, and the p of BC, which is not adjusted."
 )
 _DISTRIBUTIONS: Final = (
     "Distribution functions of all particles; dots are the 5th and 95th percentiles, P5 and P95 their differences "
-    "(A less B) with bootstrap intervals."
+    "(A less B) with bootstrap intervals; p is of KS, not adjusted."
 )
 
 COLUMNS: Final[tuple[str, ...]] = tuple(dict.fromkeys([
-    "group", "descriptor", "n_a", "n_b", "mean_a", "mean_b", "deviation_a", "deviation_b",
+    "group", "descriptor", "unit", "n_a", "n_b", "mean_a", "mean_b", "deviation_a", "deviation_b",
     "verdict", "sentence", "p_adjusted", "size_sd", "bound_sd", "detectable_sd", "bins",
     *(f"{name}{end}" for name in _INDICES for end in ("", "_by_chance", "_limit", "_p")),
     "anova_f", "anova_p", "between_freedom", "within_freedom", "between_mean_square", "within_mean_square",
@@ -100,7 +101,8 @@ def rows(study: Study) -> list[dict[str, Any]]:
     out = []
     for i, group in enumerate(study.groups):
         for j, (name, row) in enumerate(zip(study.names, group.descriptors, strict=True)):
-            out.append({"group": group_name(group.name), "descriptor": name} | _row(study, i, j, row, told[i][j]))
+            begin = {"group": group_name(group.name), "descriptor": name, "unit": study.units[j]}
+            out.append(begin | _row(study, i, j, row, told[i][j]))
         out.append({"group": group_name(group.name), "descriptor": JOINT} | _joint_row(study, i, group))
     return out
 
@@ -110,7 +112,8 @@ def csv_bytes(study: Study) -> bytes:
     out = io.StringIO()
     writer = csv.DictWriter(out, COLUMNS, restval="", lineterminator="\n")
     writer.writeheader()
-    writer.writerows(rows(study))
+    for row in rows(study):
+        writer.writerow({key: "" if value != value else value for key, value in row.items()})  # nan does not apply
     return out.getvalue().encode()
 
 
@@ -127,7 +130,8 @@ def as_dict(study: Study, files: Sequence[str] = ()) -> dict[str, Any]:
         "bootstrap": study.bootstrap,
         "classes": None if mix is None else {
             "names": list(mix.names), "particles_a": list(mix.counts[0]), "particles_b": list(mix.counts[1]),
-            "mix_distance": mix.distance,
+            "mix_distance": mix.distance, "mix_p": mix.p, "mix_differs": not mix.is_same,
+            "shared": list(mix.shared),
         },
         "left_out": [{"class": o.name, "particles": list(o.sizes), "reason": o.reason} for o in study.left_out],
         "notes": list(mix_notes(study)),
@@ -144,26 +148,32 @@ def screen(study: Study) -> str:
     table: list[tuple[str, ...]] = [head]
     told = verdicts(study)
     for group, found in zip(study.groups, told, strict=True):
-        for name, row, verdict in zip(study.names, group.descriptors, found, strict=True):
+        for name, unit, row, verdict in zip(study.names, study.units, group.descriptors, found, strict=True):
+            is_least = row.index("energy_distance").p <= study.least_p
             overlap = row.index("bhattacharyya")
             table.append((
-                _short(group_name(group.name), 8), _short_name(name), *(f"{mean:#.4g}" for mean in row.means),
+                _short(group_name(group.name), 8), _short_name(name, unit), *(f"{mean:#.4g}" for mean in row.means),
                 *(f"{one:#.2g}" for one in row.deviations), f"{overlap.value:.3f} ({overlap.floor_mean:.3f})",
                 f"{row.index('kullback_leibler').value:.2f}", f"{row.index('jensen_shannon').value:.3f}",
-                f"{verdict.p:.2g}", verdict.kind,
+                p_text(verdict.p, is_least=is_least).replace(" ", ""), verdict.kind,
             ))  # fmt: skip
-    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
+    columns = [(max(map(len, column)), column) for column in zip(*table, strict=True)]
+    # Where numbers are long, the page has the divergences that the screen has no room for.
+    for name in ("JS", "KL"):
+        if sum(width + 1 for width, _ in columns) - 1 > SCREEN_WIDTH:
+            columns = [one for one in columns if one[1][0] != name]
     # Words are set from the left, numbers from the right.
-    for line in table:
+    for i in range(len(table)):
         cells = [
-            cell.ljust(width) if i in (0, 1, 10) else cell.rjust(width)
-            for i, (cell, width) in enumerate(zip(line, widths, strict=True))
+            column[i].ljust(width) if column[0] in ("group", "descriptor", "verdict") else column[i].rjust(width)
+            for width, column in columns
         ]
         lines.append(" ".join(cells).rstrip())
-    lines.append("p: of the energy distance, adjusted for all rows. BC in brackets: what chance alone gives.")
+    lines.append("p: of the energy distance, adjusted for all tests (≤: the least that so many permutations can give).")
+    lines.append("BC in brackets: what chance alone gives.")
     for i, (group, found) in enumerate(zip(study.groups, told, strict=True)):
         sizes = " and ".join(f"{size:,}" for size in group.descriptors[0].sizes)
-        lines += ["", f"{group_name(group.name)}, {sizes} particles:"]
+        lines += ["", f"{_short(group_name(group.name), 60)}, {sizes} particles:"]
         for name, verdict in zip(study.names, found, strict=True):
             lines += _wrapped(f"{name}: {verdict.sentence}")
         lines += _wrapped(f"joint: {joint_verdict(study, i)}")
@@ -180,9 +190,10 @@ def drawings(study: Study) -> list[Drawing]:
         If Matplotlib is not installed.
     """
     labels = (study.reference.label, study.other.label)
+    titles = [with_unit(heading(name)[0], unit) for name, unit in zip(study.names, study.units, strict=True)]
     pooled = [
-        Panel(heading(name)[0], study.samples(None, name), row, heading(name)[1])
-        for name, row in zip(study.names, study.groups[0].descriptors, strict=True)
+        Panel(title, study.samples(None, name), row, heading(name)[1])
+        for name, title, row in zip(study.names, titles, study.groups[0].descriptors, strict=True)
     ]
     out: list[Drawing] = []
     sheets = [pooled[k : k + _PANELS] for k in range(0, len(pooled), _PANELS)]
@@ -203,7 +214,7 @@ def drawings(study: Study) -> list[Drawing]:
                        "0.2 standard deviations to either side."))  # fmt: skip
     for j, name in enumerate(study.names if len(study.groups) > 1 else ()):
         panels = [Panel(str(g.name), study.samples(g.name, name), g.descriptors[j]) for g in study.groups[1:]]
-        words = heading(name)[0]
+        words = titles[j]
         pixels = histogram_figure(panels, labels, title=f"{words} by class", dpi=_DPI)
         out.append(Drawing(f"{re.sub('[^A-Za-z0-9_-]', '_', name)}_by_class.png", png_bytes(pixels, colours=_COLOURS),
                            f"{words} by class, in the manner of Fig. 9 and 10."))  # fmt: skip
@@ -235,7 +246,8 @@ def write_report(make: Callable[[], Study], out: Path) -> tuple[Study, list[Path
     make : callable
         Makes the study; called when it is known that the folder can be written.
     out : pathlib.Path
-        Made where there is none; files of the same names are replaced.
+        Made where there is none; files of the same names are replaced, and those of a former comparison that this one
+        does not make are removed.
 
     Returns
     -------
@@ -251,14 +263,35 @@ def write_report(make: Callable[[], Study], out: Path) -> tuple[Study, list[Path
     """
     require_figures()
     make_folder(out)
+    stale = _former_files(out)
     with atomic_path(out / REPORT_FILE) as page:
         found = make()
         files = report_files(found)
         for name, data in files.items():
             if name != REPORT_FILE:
                 atomic_write(out / name, data)
+        for name in stale - {*files}:
+            with contextlib.suppress(OSError):
+                (out / name).unlink()
         page.write_bytes(files[REPORT_FILE])
     return found, [out / name for name in files]
+
+
+def _former_files(out: Path) -> set[str]:
+    """Files that a former comparison in the folder says it made."""
+    try:
+        told = json.loads((out / DATA_FILE).read_bytes())
+        names = filter(
+            lambda name: isinstance(name, str), told["files"] if {"lithoform", "rows"} <= told.keys() else []
+        )
+        # Plain names alone: nothing outside the folder is touched, whatever the file says.
+        return {
+            name
+            for name in names
+            if name == Path(name).name and Path(name).suffix in (".html", ".csv", ".json", ".png")
+        }
+    except (OSError, ValueError, TypeError, KeyError, AttributeError):
+        return set()
 
 
 def _row(study: Study, i: int, j: int, row: SampleComparison, verdict: Verdict) -> dict[str, Any]:
@@ -267,7 +300,7 @@ def _row(study: Study, i: int, j: int, row: SampleComparison, verdict: Verdict) 
         "n_a": row.sizes[0], "n_b": row.sizes[1], "mean_a": row.means[0], "mean_b": row.means[1],
         "deviation_a": row.deviations[0], "deviation_b": row.deviations[1],
         "verdict": verdict.kind, "sentence": verdict.sentence, "p_adjusted": verdict.p, "size_sd": verdict.size,
-        "bound_sd": verdict.bound, "detectable_sd": detectable_shift(row), "bins": len(row.edges) - 1,
+        "bound_sd": verdict.bound, "detectable_sd": verdict.detectable, "bins": len(row.edges) - 1,
     }  # fmt: skip
     for name in _INDICES:
         test = row.index(name)
@@ -293,7 +326,7 @@ def _row(study: Study, i: int, j: int, row: SampleComparison, verdict: Verdict) 
 def _joint_row(study: Study, i: int, group: ClassComparison) -> dict[str, Any]:
     out: dict[str, Any] = {
         "n_a": group.descriptors[0].sizes[0], "n_b": group.descriptors[0].sizes[1],
-        "sentence": joint_verdict(study, i), "p_adjusted": study.joint_p[i],
+        "verdict": joint_kind(study, i), "sentence": joint_verdict(study, i), "p_adjusted": study.joint_p[i],
     }  # fmt: skip
     for name, test in (("joint_energy", group.joint.energy), ("joint_mmd", group.joint.mmd)):
         out |= {name: test.value, f"{name}_by_chance": test.floor_mean, f"{name}_limit": test.floor_limit,
@@ -310,10 +343,12 @@ def _short(text: str, most: int) -> str:
     return text if len(text) <= most else f"{text[: most - 3]}..."
 
 
-def _short_name(name: str) -> str:
-    """A descriptor's name in 15 characters, or its symbol."""
+def _short_name(name: str, unit: str) -> str:
+    """A descriptor's name with its unit in 15 characters, or its symbol."""
     known = DESCRIPTORS.get(name)
-    return name if len(name) <= 15 else _short(known.symbol if known is not None and known.symbol else name, 15)
+    if len(with_unit(name, unit)) > 15 and known is not None and known.symbol:
+        name = known.symbol
+    return _short(with_unit(name, unit), 15)
 
 
 def _wrapped(text: str, first: str = "  ") -> list[str]:

@@ -3,13 +3,21 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
-from cyclopts import Parameter
+from cyclopts import Parameter, Token
 
 from lithoform.cli.arguments import Flag, Json, Whole, words
 from lithoform.cli.output import say
+
+
+def _folder(_: Any, tokens: Sequence[Token]) -> Path:
+    """A folder; Path alone takes an empty text for the current one."""
+    if not tokens[0].value.strip():
+        raise ValueError("expected the name of a folder for the files; got an empty one.")
+    return Path(tokens[0].value)
 
 
 def compare(
@@ -17,7 +25,7 @@ def compare(
     b: Path,
     /,
     *,
-    out: Path,
+    out: Annotated[Path, Parameter(converter=_folder)],
     by: str | None = None,
     names: Annotated[list[str] | None, Parameter(negative="", consume_multiple=True)] = None,
     label_a: str | None = None,

@@ -29,7 +29,7 @@ _TITLE, _TEXT, _SMALL, _TINY = 8.0, 6.5, 6.0, 5.5  # [pt]
 _MOST_LABEL: Final = 70  # characters of a label that are shown
 _MOST_MEAN: Final = 25  # characters of a mean that fit in the larger type
 _TAILS: Final = (0.05, 0.95)
-_BRACKETS: Final = "in brackets: by chance, or the interval"
+_BRACKETS: Final = "in brackets: by chance, or the interval; p is not adjusted"
 _FILL: Final = 0.28
 _POINTS: Final = 300  # of a kernel curve
 _BINS_ALONE: Final = 12  # where nothing is compared
@@ -97,7 +97,7 @@ def histogram_figure(
     """Histograms of both samples on the bins of the comparison, with kernel curves and means, a panel each.
 
     Over each panel stand mean, standard deviation and number of both samples, and the three indices of the paper with
-    what they score by chance in brackets, and the p of the first of them.
+    what they score by chance in brackets, and the p of the first of them, not adjusted.
 
     Parameters
     ----------
@@ -252,7 +252,7 @@ def _draw_histograms(axes: Any, panel: Panel) -> list[str]:
         return ["too few to compare"]
     told = [f"{sign} {_index(found.index(name))}" for sign, name in
             (("BC", "bhattacharyya"), ("KL", "kullback_leibler"), ("JS", "jensen_shannon"))]  # fmt: skip
-    return [f"{'   '.join(told)}   p {found.index('bhattacharyya').p:.2g}"]
+    return [f"{'   '.join(told)}   p of BC {found.index('bhattacharyya').p:.2g}"]
 
 
 def _draw_distributions(axes: Any, panel: Panel) -> list[str]:
@@ -281,7 +281,7 @@ def _draw_distributions(axes: Any, panel: Panel) -> list[str]:
         one = found.estimate(name)
         told.append(f"{sign} {_signed(one.value)} ({_signed(one.low)} to {_signed(one.high)})")
     greatest = found.index("kolmogorov_smirnov")
-    return [*told, f"KS {_index(greatest)}   p {greatest.p:.2g}"]
+    return [*told, f"KS {_index(greatest)}   p of KS {greatest.p:.2g}"]
 
 
 def _write_head(page: Sheet, panel: Panel, numbers: list[str], left: float, top: float) -> None:

@@ -8,12 +8,21 @@ from dataclasses import dataclass
 from typing import Final
 
 from lithoform.report.page import Bullets, Cell, Page, Paragraph, Picture, Table
-from lithoform.report.study import ALPHA, MARGIN, Study, detectable_shift
-from lithoform.report.verdicts import KINDS, Verdict, joint_verdict, mix_notes, verdicts
+from lithoform.report.study import ALPHA, MARGIN, POOLED, SPREAD_MARGIN, Study
+from lithoform.report.verdicts import (
+    KINDS,
+    Verdict,
+    is_least_joint,
+    joint_kind,
+    joint_verdict,
+    mix_notes,
+    p_text,
+    verdicts,
+)
 from lithoform.statistics.comparison import SampleComparison
 from lithoform.statistics.resampling import Estimate
 
-__all__ = ["Drawing", "comparison_page", "group_name"]
+__all__ = ["Drawing", "comparison_page", "group_name", "with_unit"]
 
 _Cells = Callable[[SampleComparison, int, int], Sequence[str | Cell]]
 
@@ -25,14 +34,17 @@ _DISTANCE_NAMES: Final = (
 )
 _READING: Final = (
     "A is the reference. Differences are A less B; a verdict says what B is.",
-    ("Whether two samples differ is decided by the energy distance, which sees differences of any kind. Its p is "
-     f"adjusted for all comparisons of this page (Holm): a false alarm anywhere has a chance of {ALPHA:g} at most."),
+    ("Whether two samples differ is decided by the energy distance, which sees differences of any kind. Its p and "
+     f"those of the joint tests are adjusted together (Holm): a false alarm anywhere has a chance of {ALPHA:g} at "
+     "most. All other p on this page are not adjusted. ≤ stands before the least p that the permutations can give."),
     ("By chance: the mean of an index over random deals of the pooled particles to A and B, which is what two samples "
      "of one population score. Limit: what only 5 deals in 100 pass. p: share of deals that come as far."),
     ("How much they differ is told in standard deviations (sd): slight below 0.2, small below 0.5, medium below 0.8, "
      "else large. It is the shift at which two normals of one sd overlap as much as those that were found."),
     ("Where no difference can be told, the largest difference of means that is not ruled out (95 %) says what that is "
-     f"worth. 'Agrees' means that it is below {MARGIN:g} sd, 'too few to tell' that it is above 0.5 sd."),
+     f"worth. 'Means agree' says that it is below {MARGIN:g} sd; 'agrees' that the standard deviations are also within "
+     f"{100.0 * (SPREAD_MARGIN - 1.0):.0f} % (95 %), the 5th and 95th percentiles found within {MARGIN:g} sd, and p "
+     "not below 0.05 before it is adjusted; 'too few to tell' that it is above 0.5 sd."),
 )  # fmt: skip
 
 
@@ -55,7 +67,12 @@ class Drawing:
 
 def group_name(name: str | None) -> str:
     """What a group is called in tables: the class, or "pooled" for all particles."""
-    return "pooled" if name is None else name
+    return POOLED if name is None else name
+
+
+def with_unit(name: str, unit: str) -> str:
+    """A descriptor's name and its unit in square brackets, where it has one."""
+    return f"{name} [{unit}]" if unit else name
 
 
 def comparison_page(study: Study, figures: Sequence[Drawing]) -> bytes:
@@ -92,13 +109,13 @@ def comparison_page(study: Study, figures: Sequence[Drawing]) -> bytes:
     ), *_mix_table(study))  # fmt: skip
     heads = tuple(text for sign, _ in _INDEX_NAMES for text in (sign, "by chance", "limit", "p"))
     page.section("Histogram indices (eq. 23 to 26)", _table(
-        study, ("bins", *heads), lambda row, *_: (str(len(row.edges) - 1), *_index_cells(row, _INDEX_NAMES)),
+        study, ("bins", *heads), lambda row, *_: (str(len(row.edges) - 1), *_index_cells(study, row, _INDEX_NAMES)),
         "Natural logarithms. Bins by the rule of Freedman and Diaconis on the pooled sample. KL is of A from B, with "
         "half a particle added to every bin.",
     ))  # fmt: skip
     heads = tuple(text for sign, _ in _DISTANCE_NAMES for text in (sign, "by chance", "limit", "p"))
     page.section("Distances without bins", _table(
-        study, heads, lambda row, *_: _index_cells(row, _DISTANCE_NAMES),
+        study, heads, lambda row, *_: _index_cells(study, row, _DISTANCE_NAMES),
         "Wasserstein in the unit of the descriptor; KS is that of Kolmogorov and Smirnov; the p of the energy distance "
         "is not yet adjusted.",
     ))  # fmt: skip
@@ -108,11 +125,11 @@ def comparison_page(study: Study, figures: Sequence[Drawing]) -> bytes:
         "Hedges' g: difference of means in standard deviations. A above B: chance that a particle of A has the larger "
         f"value. Not ruled out: difference of means [sd] up to which they may differ (95 %). Equivalent: p of the test "
         f"that means differ by less than {MARGIN:g} sd. Shown: difference of means [sd] that so many particles show in "
-        "4 cases of 5.",
+        "4 cases of 5, at p adjusted for all tests.",
     ))  # fmt: skip
     page.section("Tails", _table(
         study, ("5th percentile, A − B", "95 % interval", "p", "95th percentile, A − B", "95 % interval", "p"),
-        _tail_cells, "Bootstrap intervals. A shift of the mean moves both tails.",
+        lambda row, *_: _tail_cells(study, row), "Bootstrap intervals. A shift of the mean moves both tails.",
     ))  # fmt: skip
     page.section("All descriptors together", _joint_table(study))
     by_class = [one for one in figures if one.file.endswith("_by_class.png")]
@@ -124,24 +141,24 @@ def comparison_page(study: Study, figures: Sequence[Drawing]) -> bytes:
 def _verdict_table(study: Study, told: tuple[tuple[Verdict, ...], ...]) -> Table:
     rows: list[tuple[str | Cell, ...]] = []
     for i, group in enumerate(study.groups):
-        for name, one in zip(study.names, told[i], strict=True):
-            rows.append((group_name(group.name), name, Cell(one.kind, KINDS[one.kind]), one.sentence, _p(one.p)))
-        tone = "strong" if study.joint_p[i] < ALPHA else "open"
-        kind = "differs" if study.joint_p[i] < ALPHA else "not told apart"
-        sentence = joint_verdict(study, i)
-        rows.append((group_name(group.name), "joint", Cell(kind, tone), sentence, _p(study.joint_p[i])))
+        for name, row, one in zip(study.names, group.descriptors, told[i], strict=True):
+            is_least = row.index("energy_distance").p <= study.least_p
+            cell = Cell(one.kind, KINDS[one.kind])
+            rows.append((group_name(group.name), name, cell, one.sentence, p_text(one.p, is_least=is_least)))
+        kind, sentence = joint_kind(study, i), joint_verdict(study, i)
+        rows.append((group_name(group.name), "joint", Cell(kind, KINDS[kind]), sentence, _joint_p(study, i)))
     step = len(study.names) + 1
     return Table(
         ("group", "descriptor", "verdict", "in words", "p"), tuple(rows),
-        f"p: of the energy distance, adjusted over {len(study.groups) * len(study.names)} comparisons; of the joint "
-        f"test, over {len(study.groups)} groups.",
+        "p: of the energy distance and of the joint tests, "
+        f"{'not adjusted: there is one' if study.tests == 1 else f'adjusted over all {study.tests} tests'}.",
         texts=(0, 1, 2), long=(3,), groups=tuple(range(step, len(rows), step)),
     )  # fmt: skip
 
 
 def _table(study: Study, head: tuple[str, ...], cells: _Cells, caption: str) -> Table:
     rows = [
-        (group_name(group.name), name, *cells(row, i, j))
+        (group_name(group.name), with_unit(name, study.units[j]), *cells(row, i, j))
         for i, group in enumerate(study.groups)
         for j, (name, row) in enumerate(zip(study.names, group.descriptors, strict=True))
     ]
@@ -159,12 +176,12 @@ def _anova_cells(row: SampleComparison, *_: int) -> Sequence[str]:
     )  # fmt: skip
 
 
-def _index_cells(row: SampleComparison, names: Sequence[tuple[str, str]]) -> tuple[str, ...]:
+def _index_cells(study: Study, row: SampleComparison, names: Sequence[tuple[str, str]]) -> tuple[str, ...]:
     tests = [row.index(name) for _, name in names]
     return tuple(
         text
         for test in tests
-        for text in (*(_digits(x, 4) for x in (test.value, test.floor_mean, test.floor_limit)), _p(test.p))
+        for text in (*(_digits(x, 4) for x in (test.value, test.floor_mean, test.floor_limit)), _drawn(study, test.p))
     )
 
 
@@ -175,15 +192,15 @@ def _effect_cells(
     return (
         _signed(g.value), _interval(g.low, g.high), _digits(above.value, 3),
         f"{_digits(above.low, 3)} to {_digits(above.high, 3)}",
-        f"{told[i][j].bound:.2g}", _p(study.equivalences[i][j].p), f"{detectable_shift(row):.2g}",
+        _known(told[i][j].bound), _p(study.equivalences[i][j].p), _known(told[i][j].detectable),
     )  # fmt: skip
 
 
-def _tail_cells(row: SampleComparison, *_: int) -> Sequence[str]:
+def _tail_cells(study: Study, row: SampleComparison) -> Sequence[str]:
     out: list[str] = []
     for name in ("percentile_5_difference", "percentile_95_difference"):
         one: Estimate = row.estimate(name)
-        out += [_signed(one.value), _interval(one.low, one.high), _p(row.index(name).p)]
+        out += [_signed(one.value), _interval(one.low, one.high), _drawn(study, row.index(name).p)]
     return out
 
 
@@ -191,8 +208,10 @@ def _joint_table(study: Study) -> Table:
     rows = []
     for i, group in enumerate(study.groups):
         tests = (group.joint.energy, group.joint.mmd)
-        numbers = ((*(_digits(x, 4) for x in (t.value, t.floor_mean, t.floor_limit)), _p(t.p)) for t in tests)
-        rows.append((group_name(group.name), *(text for four in numbers for text in four), _p(study.joint_p[i])))
+        numbers = (
+            (*(_digits(x, 4) for x in (t.value, t.floor_mean, t.floor_limit)), _drawn(study, t.p)) for t in tests
+        )
+        rows.append((group_name(group.name), *(text for four in numbers for text in four), _joint_p(study, i)))
     head = ("group", "energy", "by chance", "limit", "p", "MMD", "by chance", "limit", "p", "energy, p adjusted")
     return Table(head, tuple(rows), "Energy distance and maximum mean discrepancy of all descriptors together, each in "
                  "its standard deviations. They see differences of the joint distribution that no descriptor shows "
@@ -211,11 +230,11 @@ def _mix_table(study: Study) -> list[Table | Paragraph]:
         Table(("class", "A", "B", "share of A", "share of B"), counts, "Classes: the mixes differ.")
     ]
     if mix.parts is not None:
-        parts = tuple((name, _signed(sum(p)), _signed(p[0]), _signed(p[1])) for name, p in
-                      zip(study.names, mix.parts, strict=True))  # fmt: skip
+        parts = tuple((with_unit(name, unit), _signed(sum(p)), _signed(p[0]), _signed(p[1])) for name, unit, p in
+                      zip(study.names, study.units, mix.parts, strict=True))  # fmt: skip
         blocks.append(Table(("descriptor", "A − B", "by the mix", "within the classes"), parts,
                             "The pooled difference of means in two parts (Kitagawa 1955): what the mix of classes "
-                            "makes, and what is left within the classes, the smallest included."))  # fmt: skip
+                            f"makes, and what is left within {', '.join(mix.shared)}."))  # fmt: skip
     return blocks
 
 
@@ -238,5 +257,18 @@ def _signed(value: float) -> str:
     return f"{'+' if value >= 0.0 else ''}{_digits(value, 3)}"
 
 
+def _known(value: float) -> str:
+    return f"{value:.2g}" if math.isfinite(value) else ""
+
+
 def _p(value: float) -> str:
-    return f"{value:.2g}" if value >= 1e-4 else f"{value:.1e}".replace("-", "−")
+    return p_text(value)
+
+
+def _drawn(study: Study, value: float) -> str:
+    """A p that comes from permutations and is not adjusted."""
+    return p_text(value, is_least=value <= study.least_p)
+
+
+def _joint_p(study: Study, group: int) -> str:
+    return p_text(study.joint_p[group], is_least=is_least_joint(study, group))

@@ -29,7 +29,7 @@ _STYLE: Final = """
   :root { --ink: #e6e3dd; --paper: #1b1a19; --soft: #a7a39b; --line: #45423d; --band: #262422;
     --same: #1d4433; --open: #3a3835; --slight: #54430f; --strong: #62311a; } }
 * { box-sizing: border-box; }
-body { margin: 0 auto; max-width: 76rem; padding: 1.5rem 1.25rem 4rem; background: var(--paper); color: var(--ink);
+body { margin: 0 auto; max-width: 80rem; padding: 1.5rem 1rem 4rem; background: var(--paper); color: var(--ink);
   font: 16px/1.5 system-ui, -apple-system, "Segoe UI", Roboto, "Helvetica Neue", Arial, sans-serif; }
 h1 { font-size: 1.7rem; line-height: 1.25; margin: 0 0 0.75rem; overflow-wrap: anywhere; }
 h2 { font-size: 1.25rem; margin: 2.25rem 0 0.5rem; padding-top: 0.75rem; border-top: 1px solid var(--line); }
@@ -37,13 +37,13 @@ p, li { max-width: 62rem; overflow-wrap: anywhere; }
 ul { padding-left: 1.25rem; }
 li { margin: 0.2rem 0; }
 .wide { overflow-x: auto; margin: 0.75rem 0 1.25rem; }
-table { border-collapse: collapse; font-size: 0.875rem; font-variant-numeric: tabular-nums; }
-caption { caption-side: top; text-align: left; color: var(--soft); padding: 0 0 0.4rem; }
-th, td { padding: 0.25rem 0.6rem; text-align: right; vertical-align: top; white-space: nowrap; }
+table { border-collapse: collapse; font-size: 0.8125rem; font-variant-numeric: tabular-nums; }
+caption { caption-side: top; text-align: left; color: var(--soft); padding: 0 0 0.4rem; overflow-wrap: anywhere; }
+th, td { padding: 0.25rem 0.4rem; text-align: right; vertical-align: top; }
 th { border-bottom: 1px solid var(--ink); font-weight: 600; vertical-align: bottom; }
 td { border-bottom: 1px solid var(--line); }
-.text { text-align: left; }
-.long { white-space: normal; min-width: 16rem; }
+.text { text-align: left; max-width: 11rem; overflow-wrap: break-word; }
+.long { max-width: none; min-width: 16rem; }
 tr.first td { border-top: 2px solid var(--soft); }
 .same { background: var(--same); } .open { background: var(--open); }
 .slight { background: var(--slight); } .strong { background: var(--strong); }
@@ -226,7 +226,10 @@ def _table(table: Table) -> str:
             if cell.tone not in TONES:
                 raise LithoformError(f"expected a tone of {', '.join(TONES)}; got {cell.tone!r}.")
             tone = () if cell.tone == "plain" else (cell.tone,)
-            cells.append(f"<td{_class(table, i, *tone)}>{_escaped(cell.text)}</td>")
+            text = _escaped(cell.text)
+            # Names of many words may be broken between them, where a table is wide.
+            text = text.replace("_", "_<wbr />") if i in table.texts else text
+            cells.append(f"<td{_class(table, i, *tone)}>{text}</td>")
         lines.append(f"<tr{_classes('first' if number in table.groups else '')}>{''.join(cells)}</tr>")
     return "\n".join([*lines, "</tbody></table></div>"])
 

@@ -14,6 +14,8 @@ import numpy as np
 
 from lithoform.database.population import Population
 from lithoform.errors import SampleError
+from lithoform.report.mix import LEAST, Mix, members, mix_of
+from lithoform.report.spread import deviation_ratio
 from lithoform.statistics.anova import Equivalence, equivalence
 from lithoform.statistics.comparison import (
     ClassComparison,
@@ -23,7 +25,6 @@ from lithoform.statistics.comparison import (
     compare_joint,
     compare_samples,
 )
-from lithoform.statistics.multiplicity import holm
 from lithoform.statistics.samples import generators
 
 __all__ = [
@@ -33,18 +34,22 @@ __all__ = [
     "MARGIN",
     "PERMUTATIONS",
     "PERMUTATIONS_EACH",
+    "POOLED",
+    "SPREAD_MARGIN",
     "LeftOut",
-    "Mix",
     "Study",
     "detectable_shift",
     "study",
 ]
 
-LEAST: Final = 5
-"""Fewest particles of a class, in either population, that are compared by themselves."""
+POOLED: Final = "pooled"
+"""What the group of all particles is called; no class may have that name."""
 
 MARGIN: Final = 0.2
 """Difference of means held to be of no practical matter, in pooled standard deviations: Cohen's small effect."""
+
+SPREAD_MARGIN: Final = 1.15
+"""Ratio of standard deviations held to be of no practical matter, and one over it."""
 
 ALPHA: Final = 0.05
 """Chance of a false alarm anywhere among the comparisons of a study."""
@@ -56,7 +61,9 @@ JOINT_MOST: Final = 2_000
 """Most particles of a population that a joint test takes: its memory and time grow with the square of their number."""
 
 _POWER: Final = 0.8
-_SAME_MIX: Final = 0.02  # share of particles that would have to change their class
+_MOST_NAMED: Final = 4  # classes in a message
+_ENERGY: Final = 1.05  # the energy distance needs a shift larger by this factor than the t-test does
+_GREATEST, _LEAST_RANGE = 1e100, 1e-100  # squares of greater values, and of lesser differences, leave float64
 
 
 @dataclass(frozen=True)
@@ -76,34 +83,6 @@ class LeftOut:
     reason: str
 
 
-@dataclass(frozen=True)
-class Mix:
-    """How the two populations are made up of classes.
-
-    Attributes
-    ----------
-    names : tuple of str
-    counts : tuple of two tuples of int
-        Particles of each class, in the first and in the second population.
-    distance : float
-        Share of the particles of one population that would have to be of another class for the mixes to be the same
-        (total variation distance), 0 to 1.
-    parts : tuple of tuples of float, or None
-        For each descriptor, the parts of the pooled difference of means (first less second) that come from the mix and
-        from within the classes (Kitagawa 1955); None where a class is in one population only.
-    """
-
-    names: tuple[str, ...]
-    counts: tuple[tuple[int, ...], tuple[int, ...]]
-    distance: float
-    parts: tuple[tuple[float, float], ...] | None
-
-    @property
-    def is_same(self) -> bool:
-        """Whether the mixes agree to within two particles in a hundred."""
-        return self.distance <= _SAME_MIX
-
-
 @dataclass(frozen=True, eq=False)
 class Study:
     """Two populations and all that was found by comparing them; differences are of the first less the second.
@@ -116,8 +95,12 @@ class Study:
         Pooled over all particles, and by those classes that could be compared.
     equivalences : tuple of tuples of Equivalence
         By group (pooled first) and descriptor: whether the means differ by less than `MARGIN`.
+    ratios : tuple of tuples of tuple of float
+        By group and descriptor: the 90 % interval of the standard deviation of the second over that of the first.
+    adjusted : numpy.ndarray, shape (groups, descriptors)
+        P-values of the energy distance, adjusted together with those of the joint tests (Holm).
     joint_p : tuple of float
-        By group: p of the joint energy test, adjusted over the groups by Holm's method.
+        By group: p of the joint energy test, adjusted in the same way.
     left_out : tuple of LeftOut
     mix : Mix or None
         None where there are no classes.
@@ -130,6 +113,8 @@ class Study:
     other: Population
     comparison: PopulationComparison
     equivalences: tuple[tuple[Equivalence, ...], ...]
+    ratios: tuple[tuple[tuple[float, float], ...], ...]
+    adjusted: np.ndarray
     joint_p: tuple[float, ...]
     left_out: tuple[LeftOut, ...]
     mix: Mix | None
@@ -142,6 +127,22 @@ class Study:
     def names(self) -> tuple[str, ...]:
         """Descriptors, in the order of the columns."""
         return self.comparison.names
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Units of the descriptors; empty for plain numbers, and where a source does not tell the unit of lengths."""
+        known = self.reference.has_unit and self.other.has_unit
+        return self.reference.units if known else ("",) * len(self.names)
+
+    @property
+    def tests(self) -> int:
+        """Number of tests that the p-values are adjusted for."""
+        return _tests(len(self.groups), len(self.names))
+
+    @property
+    def least_p(self) -> float:
+        """Least p that so many permutations can give, before it is adjusted."""
+        return 1.0 / (1.0 + self.permutations)
 
     @property
     def is_thinned(self) -> bool:
@@ -158,7 +159,7 @@ class Study:
         column = self.names.index(descriptor)
         pair = []
         for side in (self.reference, self.other):
-            chosen = slice(None) if group is None else _members(side, group)
+            chosen = slice(None) if group is None else members(side.classes or (), group)
             pair.append(side.values[chosen, column])
         return pair[0], pair[1]
 
@@ -193,31 +194,28 @@ def study(
     Raises
     ------
     SampleError
-        If the descriptors are not the same, one population has classes and the other has not, there are fewer than
-        `LEAST` particles in one, a descriptor is not finite or does not vary, or there are too few permutations for any
-        difference to be told.
-
-    References
-    ----------
-    Kitagawa, E. M. (1955). Components of a difference between two rates. J. Am. Stat. Assoc. 50, 1168-1194.
+        If the descriptors are not the same, one population has classes and the other has not, no class is in both or
+        one is called "pooled", there are fewer than `LEAST` particles in one, a descriptor is not finite, too large or
+        does not vary, or there are too few permutations for any difference to be told.
     """
     first, second = _checked(reference, other)
     classes = None if first.classes is None or second.classes is None else (first.classes, second.classes)
-    names, kept, left_out = _sorted_classes(first, second)
-    tests = (1 + len(kept)) * len(first.names)
+    kept, left_out = _sorted_classes(first, second)
+    tests = _tests(1 + len(kept), len(first.names))
     if permutations is None:
         permutations = max(PERMUTATIONS, PERMUTATIONS_EACH * tests)
     # The least p that permutations can give, times Holm's factor, has to be below alpha.
     if not isinstance(permutations, bool) and 1 <= permutations < tests / ALPHA:
         raise SampleError(
-            f"expected {math.ceil(tests / ALPHA)} permutations or more, for {tests} comparisons "
-            f"({1 + len(kept)} groups of {len(first.names)} descriptors), got {permutations}: with fewer no "
-            "difference could be told; ask for more, or for fewer descriptors."
+            f"expected {math.ceil(tests / ALPHA)} permutations or more, as {tests} "
+            f"{'test needs' if tests == 1 else 'tests need'}, got {permutations}: "
+            "with fewer no difference could be told; ask for more, or for fewer descriptors."
         )
-    seeds = iter(int(g.integers(0, 1 << 63)) for g in generators(seed, (1 + len(kept)) * (len(first.names) + 1)))
-    groups, equal = [], []
+    *parts, of_mix = generators(seed, (1 + len(kept)) * (len(first.names) + 1) + 1)
+    seeds = iter(int(g.integers(0, 1 << 63)) for g in parts)
+    groups, equal, ratios = [], [], []
     for name in (None, *kept):
-        u, v = (side.values if name is None else side.values[_members(side, name)] for side in (first, second))
+        u, v = (_values(side, name) for side in (first, second))
         strata = classes if name is None else None
         rows = tuple(
             compare_samples(x, y, seed=next(seeds), permutations=permutations, bootstrap=bootstrap, strata=strata)
@@ -227,14 +225,23 @@ def study(
         groups.append(ClassComparison(name, rows, joint))
         margins = [MARGIN * math.sqrt(row.anova.within_mean_square) for row in rows]
         equal.append(tuple(equivalence(x, y, margin=m) for x, y, m in zip(u.T, v.T, margins, strict=True)))
+        # Two one-sided tests of 5 % are the interval of 90 %, as for the means.
+        ratios.append(tuple(deviation_ratio(x, y, level=1.0 - 2.0 * ALPHA) for x, y in zip(u.T, v.T, strict=True)))
+    comparison = PopulationComparison(first.names, groups[0], tuple(groups[1:]))
+    adjusted = comparison.adjusted()
+    mix = None
+    if classes is not None:
+        mix = mix_of((first.values, second.values), classes, generator=of_mix, permutations=permutations)
     return Study(
         reference=first,
         other=second,
-        comparison=PopulationComparison(first.names, groups[0], tuple(groups[1:])),
+        comparison=comparison,
         equivalences=tuple(equal),
-        joint_p=tuple(holm([group.joint.energy.p for group in groups]).tolist()),
+        ratios=tuple(ratios),
+        adjusted=adjusted[:, :-1],
+        joint_p=tuple(adjusted[:, -1].tolist()),
         left_out=left_out,
-        mix=_mix(first, second, names),
+        mix=mix,
         seed=seed,
         permutations=permutations,
         bootstrap=bootstrap,
@@ -242,17 +249,29 @@ def study(
     )
 
 
-def detectable_shift(row: SampleComparison) -> float:
+def detectable_shift(row: SampleComparison, tests: int) -> float:
     """Difference of means, in standard deviations, that samples of these sizes would show in 4 cases of 5.
 
-    (t(0.975) + t(0.8)) sqrt(1/n + 1/m), with Student's quantiles at n + m - 2 degrees of freedom: the power of a single
-    two-sided test at 0.05, not adjusted for several tests (Cohen 1988).
+    1.05 (t(1 - 0.05 / (2 k)) + t(0.8)) sqrt(1/n + 1/m), with Student's quantiles at n + m - 2 degrees of freedom: the
+    power of the t-test when k are made at once (Cohen 1988, Bonferroni's bound), and a part more for the energy
+    distance, which sees other differences too.
+
+    Parameters
+    ----------
+    row : SampleComparison
+    tests : int
+        Number k of tests that p-values are adjusted for.
     """
     from scipy.special import stdtrit
 
     n, m = row.sizes
-    quantiles = (float(stdtrit(n + m - 2, level)) for level in (1.0 - 0.5 * ALPHA, _POWER))
-    return sum(quantiles) * math.sqrt(1.0 / n + 1.0 / m)
+    quantiles = (float(stdtrit(n + m - 2, level)) for level in (1.0 - 0.5 * ALPHA / tests, _POWER))
+    return _ENERGY * sum(quantiles) * math.sqrt(1.0 / n + 1.0 / m)
+
+
+def _tests(groups: int, names: int) -> int:
+    """The descriptors of every group and its joint test, which is the same as the descriptor's where there is one."""
+    return groups * (names + (names > 1))
 
 
 def _joint(
@@ -281,12 +300,22 @@ def _checked(reference: Population, other: Population) -> tuple[Population, Popu
     for side in (reference, other):
         if len(side) < LEAST:
             raise SampleError(f"expected {LEAST} particles or more in {side.label}, got {len(side)}; measure more.")
+        if POOLED in (side.classes or ()):
+            raise SampleError(
+                f"expected classes of other names than {POOLED}, which all particles are called together, got one in "
+                f"{side.label}; rename it."
+            )
         for name, column in zip(side.names, side.values.T, strict=True):
             bad = int(len(column) - np.count_nonzero(np.isfinite(column)))
             if bad:
                 raise SampleError(
-                    f"expected a finite {name} of every particle of {side.label}, got {bad} that are not; leave those "
-                    "particles or that descriptor out."
+                    f"expected a finite {name} of every particle of {side.label}, got {bad} of {len(column)} without; "
+                    "leave those particles or that descriptor out."
+                )
+            if np.abs(column).max() > _GREATEST or 0.0 < np.ptp(column) < _LEAST_RANGE:
+                raise SampleError(
+                    f"expected a {name} of {side.label} within 1e100 of 0, and differences of 1e-100 or more, got "
+                    f"{column.min():g} to {column.max():g}; choose another unit."
                 )
             if column.min() == column.max():
                 raise SampleError(
@@ -298,13 +327,18 @@ def _checked(reference: Population, other: Population) -> tuple[Population, Popu
     return reference, other
 
 
-def _sorted_classes(first: Population, second: Population) -> tuple[tuple[str, ...], list[str], tuple[LeftOut, ...]]:
-    """All classes; those that can be compared; those that cannot, and why."""
+def _sorted_classes(first: Population, second: Population) -> tuple[list[str], tuple[LeftOut, ...]]:
+    """Classes that can be compared; those that cannot, and why."""
     if first.classes is None or second.classes is None:
-        return (), [], ()
+        return [], ()
+    if not {*first.classes} & {*second.classes}:
+        raise SampleError(
+            f"expected a class that is in both populations, got {_named(first)} and {_named(second)}; name the classes "
+            "alike, or compare without them."
+        )
     names, kept, left_out = tuple(sorted({*first.classes, *second.classes})), [], []
     for name in names:
-        sides = [side.values[_members(side, name)] for side in (first, second)]
+        sides = [_values(side, name) for side in (first, second)]
         sizes = len(sides[0]), len(sides[1])
         if min(sizes) == 0:
             reason = f"it is in {(first if sizes[0] else second).label} only"
@@ -317,31 +351,14 @@ def _sorted_classes(first: Population, second: Population) -> tuple[tuple[str, .
             left_out.append(LeftOut(name, sizes, reason))
         else:
             kept.append(name)
-    return names, kept, tuple(left_out)
+    return kept, tuple(left_out)
 
 
-def _mix(first: Population, second: Population, names: Sequence[str]) -> Mix | None:
-    if not names:
-        return None
-    masks = [[_members(side, name) for name in names] for side in (first, second)]
-    counts = [[int(mask.sum()) for mask in side] for side in masks]
-    a, b = (np.array(side) / sum(side) for side in counts)
-    parts = None
-    if min(map(min, counts)) > 0:
-        means = [
-            np.array([side.values[mask].mean(axis=0) for mask in rows])
-            for side, rows in zip((first, second), masks, strict=True)
-        ]
-        of_mix = ((a - b)[:, None] * (means[0] + means[1]) / 2.0).sum(axis=0)
-        within = ((a + b)[:, None] / 2.0 * (means[0] - means[1])).sum(axis=0)
-        parts = tuple(zip(of_mix.tolist(), within.tolist(), strict=True))
-    return Mix(
-        names=tuple(names),
-        counts=(tuple(counts[0]), tuple(counts[1])),
-        distance=0.5 * float(np.abs(a - b).sum()),
-        parts=parts,
-    )
+def _values(side: Population, name: str | None) -> np.ndarray:
+    return side.values if name is None else side.values[members(side.classes or (), name)]
 
 
-def _members(side: Population, name: str) -> np.ndarray:
-    return np.array([one == name for one in side.classes or ()], dtype=bool)
+def _named(side: Population) -> str:
+    found = sorted({*(side.classes or ())})
+    more = f" and {len(found) - _MOST_NAMED} more" if len(found) > _MOST_NAMED else ""
+    return f"{', '.join(found[:_MOST_NAMED])}{more} in {side.label}"

@@ -122,7 +122,7 @@ class PopulationComparison:
     classes: tuple[ClassComparison, ...]
 
     def adjusted(self, index: str = "energy_distance") -> np.ndarray:
-        """P-values of one index over all groups and descriptors, adjusted together by Holm's method.
+        """P-values of one index and of the joint energy tests over all groups, adjusted together by Holm's method.
 
         Parameters
         ----------
@@ -131,12 +131,17 @@ class PopulationComparison:
 
         Returns
         -------
-        numpy.ndarray, shape (1 + classes, descriptors)
-            The pooled particles in the first row.
+        numpy.ndarray, shape (1 + classes, descriptors + 1)
+            The pooled particles in the first row, the joint tests in the last column.  A single descriptor is all that
+            its joint test sees: it is adjusted for once, and its p stands in both columns.
         """
         groups = (self.pooled, *self.classes)
-        p = [one.index(index).p for group in groups for one in group.descriptors]
-        return holm(p).reshape(len(groups), -1)
+        p = np.array([
+            [*(one.index(index).p for one in group.descriptors), group.joint.energy.p] for group in groups
+        ])  # fmt: skip
+        if len(self.names) == 1:
+            return np.repeat(holm(p[:, 0])[:, None], 2, axis=1)
+        return holm(p.ravel()).reshape(p.shape)
 
 
 def compare_samples(

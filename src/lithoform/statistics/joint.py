@@ -108,7 +108,7 @@ def joint_mmd_test(
         As of `joint_energy_test`.
     scale : float, optional
         h in pooled standard deviations, above 0; by default the median distance between two particles of the pooled
-        sample, which permutations do not change.
+        sample, which permutations do not change, or where that is 0 the median of the distances above 0.
 
     Returns
     -------
@@ -126,7 +126,9 @@ def joint_mmd_test(
     """
     squares, n = _squared_distances(a, b)
     if scale is None:
-        scale = float(np.median(np.sqrt(squares[np.triu_indices(len(squares), 1)])))
+        distances = np.sqrt(squares[np.triu_indices(len(squares), 1)])
+        # Where most particles are alike, the median distance is 0 and says nothing of those that are not.
+        scale = float(np.median(distances)) or float(np.median(distances[distances > 0.0]))
     if not 0.0 < scale < math.inf:
         raise SampleError(f"expected a kernel scale above 0, got {scale}; pass one, in pooled standard deviations.")
     kernel = np.exp(squares * (-0.5 / (scale * scale)))
