@@ -9,7 +9,7 @@ import numpy as np
 
 from lithoform.descriptors.measuring import measure
 from lithoform.descriptors.table import FOUR
-from lithoform.errors import UnsoundMeshError
+from lithoform.errors import MeshError
 from lithoform.generation import generate
 from lithoform.parallel import in_order
 from lithoform.parameters import Recipe
@@ -54,7 +54,7 @@ def measured(
     def work(recipe: Recipe) -> list[float]:
         try:
             found = measure(generate(recipe, device="cpu").mesh, names)
-        except UnsoundMeshError:
+        except MeshError:  # unsound, or without a surface
             return [np.nan] * len(names)
         return [float(found[name]) for name in names]
 
