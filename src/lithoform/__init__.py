@@ -11,6 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from lithoform.conditioning import fit_to_box, principal_frame, smooth, twist
+    from lithoform.database.population import Population, read_population
+    from lithoform.database.queries import query
+    from lithoform.database.store import Store
     from lithoform.descriptors.measuring import Measurement, measure, measure_many
     from lithoform.descriptors.table import DESCRIPTORS
     from lithoform.errors import (
@@ -29,6 +32,7 @@ if TYPE_CHECKING:
     from lithoform.mesh_io import read_mesh, write_mesh
     from lithoform.parameters import PARAMETERS, Recipe
     from lithoform.particle import Particle
+    from lithoform.population_recipe import PopulationRecipe, read_population_recipe
     from lithoform.presets import benchmark_recipe, database_recipe, particle_seed
     from lithoform.radius import radii
     from lithoform.recipe_io import read_recipe, to_toml
@@ -41,6 +45,9 @@ __version__ = "0.1.0"
 
 _HOME = {
     "conditioning": ("fit_to_box", "principal_frame", "smooth", "twist"),
+    "database.population": ("Population", "read_population"),
+    "database.queries": ("query",),
+    "database.store": ("Store",),
     "descriptors.measuring": ("Measurement", "measure", "measure_many"),
     "descriptors.table": ("DESCRIPTORS",),
     "errors": (
@@ -59,6 +66,7 @@ _HOME = {
     "mesh_io": ("read_mesh", "write_mesh"),
     "parameters": ("PARAMETERS", "Recipe"),
     "particle": ("Particle",),
+    "population_recipe": ("PopulationRecipe", "read_population_recipe"),
     "presets": ("benchmark_recipe", "database_recipe", "particle_seed"),
     "radius": ("radii",),
     "recipe_io": ("read_recipe", "to_toml"),
@@ -81,11 +89,14 @@ __all__ = [
     "MeshError",
     "OutputError",
     "Particle",
+    "Population",
+    "PopulationRecipe",
     "Recipe",
     "RecipeError",
     "SampleError",
     "Scan",
     "SoundnessReport",
+    "Store",
     "UnsoundMeshError",
     "benchmark_recipe",
     "check",
@@ -98,8 +109,11 @@ __all__ = [
     "measure_many",
     "particle_seed",
     "principal_frame",
+    "query",
     "radii",
     "read_mesh",
+    "read_population",
+    "read_population_recipe",
     "read_recipe",
     "read_scan",
     "read_scans",
