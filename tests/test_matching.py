@@ -249,6 +249,8 @@ def test_the_same_bytes_whatever_the_threads(hidden):
         ({"fit_share": 1.0}, SampleError, "between 0 and 1"),
         ({"fit_share": 0.9}, SampleError, "each part"),
         ({"seed": -1}, SampleError, "a seed of 0"),
+        ({"permutations": 0}, SampleError, "permutations"),
+        ({"judged": 7}, SampleError, "stones to judge"),
         ({"budget": 10}, RecipeError, "at least 60"),
         ({"triangles": 1000}, RecipeError, "nearest counts"),
         ({"columns": 6}, SampleError, "with the columns"),

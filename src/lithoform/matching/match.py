@@ -109,12 +109,17 @@ def match_population(
     Raises
     ------
     SampleError
-        If the reference has too few particles, is not finite or has a column that does not vary, or the share leaves
-        too few in a part.
+        If the reference has too few particles, is not finite or has a column that does not vary, the share leaves
+        too few in a part, or there are too few permutations or stones to judge.
     RecipeError
         As `lithoform.matching.search.search`.
     """
     values = _checked(reference)
+    # The tests come last; what they refuse is told first.
+    if isinstance(permutations, bool) or permutations < 1:
+        raise SampleError(f"expected a whole number of permutations, 1 or more, got {permutations}; 2000 is usual.")
+    if isinstance(judged, bool) or judged < LEAST_PART:
+        raise SampleError(f"expected at least {LEAST_PART} stones to judge, got {judged}; {JUDGED} is usual.")
     fitted, held_out = split(len(values), fit_share, seed)
     for name, part in (("fitted", values[fitted]), ("judged", values[held_out])):
         still = np.flatnonzero(part.min(axis=0) == part.max(axis=0))

@@ -65,5 +65,5 @@ def read_reference(
     if not values:
         raise FileFormatError(f"none of the {len(files)} scans in {path} can be measured; the first: {left_out[0]}")
     table = np.array(values)
-    table[:, MATCHED.index("length")] /= per_metre
+    table[:, MATCHED.index("length")] *= 1.0 / per_metre  # to the last bit as a table of the same scans
     return table, left_out
