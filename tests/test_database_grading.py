@@ -26,7 +26,7 @@ from lithoform import (
     measure,
     write_mesh,
 )
-from lithoform.cli.database_contents import fill_volume, grade, parse_mass
+from lithoform.cli.database_contents import grade
 from lithoform.database.building import Measures, build
 from lithoform.database.grading import Candidates, read_candidates, verify
 from lithoform.database.grading import grade as draw
@@ -34,6 +34,7 @@ from lithoform.database.importing import import_scans
 from lithoform.database.store import Store
 from lithoform.figures.grading import grading_curve
 from lithoform.gradation.curves import GRADATIONS, Gradation, find_gradation
+from lithoform.gradation.quantities import parse_container_volume, parse_mass
 from lithoform.lab import sieve_curve
 from lithoform.planning import Plan
 
@@ -270,14 +271,14 @@ def test_what_cannot_be_drawn_is_told_and_leaves_no_file(call, folder, tmp_path,
 def test_masses_and_containers_are_the_floats_of_their_decimals():
     assert parse_mass("1.5kg") == parse_mass(" 1.5 ") == parse_mass("1500 g") == parse_mass("0.0015T") == 1.5
     assert parse_mass("2.36g") == 0.00236
-    assert fill_volume("box:1m:0.5m:20cm") == pytest.approx(0.1, rel=1e-15)
-    assert fill_volume("cylinder:150:63.5mm") == pytest.approx(math.pi / 4 * 0.0225 * 0.0635, rel=1e-15)
+    assert parse_container_volume("box:1m:0.5m:20cm") == pytest.approx(0.1, rel=1e-15)
+    assert parse_container_volume("cylinder:150:63.5mm") == pytest.approx(math.pi / 4 * 0.0225 * 0.0635, rel=1e-15)
     for text in ("", "kg", "-1kg", "0", "1e999kg", "1 lb", "1,5kg"):
         with pytest.raises(RecipeError, match="expected a"):
             parse_mass(text)
     for text in ("cylinder:1m", "box:1m:1m", "cylinder", "cylinder:1m:0m", "box:1m:1m:1m:1m", "cube:1m:1m:1m"):
         with pytest.raises(RecipeError, match="expected a"):
-            fill_volume(text)
+            parse_container_volume(text)
 
 
 @pytest.mark.usefixtures("drawing")

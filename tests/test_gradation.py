@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 from lithoform import FileFormatError, Mesh, RecipeError, database_recipe, generate
 from lithoform.descriptors.hull import convex_hull
 from lithoform.descriptors.passing import sieve_size
-from lithoform.gradation.curves import GRADATIONS, Gradation, find_gradation, fuller, parse_length, read_gradation
+from lithoform.gradation.curves import GRADATIONS, Gradation, find_gradation, fuller, read_gradation
 from lithoform.gradation.drawing import TOLERANCE, draw_sizes, retained
+from lithoform.gradation.quantities import parse_length
 from lithoform.lab import sieve_curve
 
 SPHERE = math.pi / 6.0

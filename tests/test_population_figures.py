@@ -122,9 +122,15 @@ def test_samples_that_are_not_compared_are_shown_as_they_are(figure, monkeypatch
 
 @pytest.mark.parametrize("scale", [1e-9, 1e-3, 1.0, 1e4, 1e9])
 def test_any_unit_can_be_read(scale: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    record_captions(monkeypatch)
+    captions = record_captions(monkeypatch)
+    panels = [panel(name="volume", scale=scale), panel(name="volume", scale=-scale)]
     for figure in FIGURES:
-        figure([panel(name="volume", scale=scale), panel(name="volume", scale=-scale)], LABELS, dpi=DPI)
+        captions.clear()
+        picture = figure(panels, LABELS, dpi=DPI)
+        assert picture.min() < 128
+        told = [caption.text for caption in captions if caption.text.startswith("A  ")]
+        means = [float(text[3:].partition(" ± ")[0]) for text in told]
+        assert means == pytest.approx([one.values[0].mean() for one in panels], rel=1e-3)
 
 
 def test_labels_are_plain_text_and_not_too_long(monkeypatch: pytest.MonkeyPatch, recwarn) -> None:

@@ -59,15 +59,13 @@ def _acquire(path: Path) -> int | None:
     """Descriptor of the lock file once it is locked; None where another process holds it."""
     while True:
         descriptor = os.open(path, os.O_CREAT | os.O_RDWR, 0o666)
-        try:
+        with contextlib.ExitStack() as unless_held:
+            unless_held.callback(os.close, descriptor)
             is_locked = _try_lock(descriptor)
             # The former holder may have removed the file between the opening and the locking: then begin again.
             if is_locked and _is_the_file(descriptor, path):
+                unless_held.pop_all()
                 return descriptor
-        except BaseException:
-            os.close(descriptor)
-            raise
-        os.close(descriptor)
         if not is_locked:
             return None
 

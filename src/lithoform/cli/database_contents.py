@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-import re
 import sys
-from decimal import Decimal
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,12 +18,10 @@ if TYPE_CHECKING:
     from lithoform.database.summary import Summary
     from lithoform.gradation.curves import Gradation
 
-__all__ = ["export", "fill_volume", "grade", "parse_mass", "show"]
+__all__ = ["export", "grade", "show"]
 
 PICTURE_FILE = "contact-sheet.png"
 _STONES_A_CLASS, _PICTURED_SOURCES = 8, 12
-_MASS = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d{1,3})?)\s*([a-z]*)\s*", re.IGNORECASE)
-_KILOGRAMS = {"kg": Decimal(1), "g": Decimal("0.001"), "t": Decimal(1000)}
 
 
 def show(
@@ -261,7 +257,7 @@ def grade(
     from lithoform.database.grading import verify as measure_anew
     from lithoform.database.population import TABLES
     from lithoform.database.store import Store
-    from lithoform.gradation.curves import parse_length
+    from lithoform.gradation.quantities import parse_length
     from lithoform.rendering import load_module
 
     if out.suffix.lower() not in TABLES:
@@ -294,44 +290,9 @@ def grade(
     return 0
 
 
-def parse_mass(text: str) -> float:
-    """Mass [kg] of a text such as "1.5kg", "800 g", "0.2t" or "1.5", which is in kilograms.
-
-    Raises
-    ------
-    RecipeError
-        If it is no positive number, or the unit is none of kg, g, t.
-    """
-    match = _MASS.fullmatch(str(text))
-    if match is None:
-        raise RecipeError(f"expected a mass such as 1.5kg; got {text!r}.")
-    unit = match[2].lower() or "kg"
-    if unit not in _KILOGRAMS:
-        raise RecipeError(f"expected a unit of kg, g, t; got {unit!r} in {text!r}.")
-    mass = float(Decimal(match[1]) * _KILOGRAMS[unit])
-    if not 0.0 < mass < math.inf:
-        raise RecipeError(f"expected a positive, finite mass; got {text!r}.")
-    return mass
-
-
-def fill_volume(text: str) -> float:
-    """Volume [m^3] of a container: "cylinder:DIAMETER:HEIGHT" or "box:X:Y:Z", lengths as `parse_length` takes them.
-
-    Raises
-    ------
-    RecipeError
-        If it is neither, or a length is not valid.
-    """
-    from lithoform.gradation.curves import parse_length
-
-    kind, *lengths = str(text).split(":")
-    if {"cylinder": 2, "box": 3}.get(kind.strip().lower()) != len(lengths):
-        raise RecipeError(f"expected a container such as cylinder:150mm:63.5mm or box:1m:1m:0.5m; got {text!r}.")
-    sides = [parse_length(length) for length in lengths]
-    return math.pi / 4.0 * sides[0] ** 2 * sides[1] if len(sides) == 2 else math.prod(sides)
-
-
 def _amount(mass: str | None, count: int | None, fill: str | None, packing_density: float | None) -> dict[str, Any]:
+    from lithoform.gradation.quantities import parse_container_volume, parse_mass
+
     given = [n for n, v in (("--mass", mass), ("--count", count), ("--fill", fill)) if v is not None]
     if len(given) != 1:
         raise RecipeError(f"expected one of --mass, --count and --fill; got {' and '.join(given) or 'none'}.")
@@ -343,7 +304,7 @@ def _amount(mass: str | None, count: int | None, fill: str | None, packing_densi
         raise RecipeError(
             f"expected a --packing-density above 0 and below 1 with --fill, such as 0.58; got {packing_density}."
         )
-    return {"volume": fill_volume(fill) * packing_density}
+    return {"volume": parse_container_volume(fill) * packing_density}
 
 
 def _gradation(text: str) -> Gradation:

@@ -13,7 +13,7 @@ from lithoform.database.schema import mesh_row, mesh_table, particle_schema, rec
 from lithoform.database.store import Source, Store, new_source
 from lithoform.descriptors.body import Body, BoxKind
 from lithoform.descriptors.measuring import measure, resolve_names
-from lithoform.errors import DeviceError, LithoformError, UnsoundMeshError
+from lithoform.errors import LithoformError, MeshError, RecipeError
 from lithoform.generation import generate, generate_many
 from lithoform.parameters import Recipe
 from lithoform.particle import Particle
@@ -21,6 +21,7 @@ from lithoform.planning import Plan
 from lithoform.presets import shape_class_of
 from lithoform.sidecar import program_version
 from lithoform.topology import sphere
+from lithoform.warp_runtime import resolve_device
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -201,41 +202,35 @@ def guarded(row: dict[str, Any], work: Any) -> tuple[dict[str, Any], Any]:
 
 def _plain(error: Exception) -> str:
     """Message in one line of UTF-8: it may name a file whose name is no text in any coding."""
-    return " ".join(str(error).split()).encode(errors="surrogateescape").decode(errors="backslashreplace")
+    text = str(error).partition("  The recipe:")[0]  # the row holds it
+    return " ".join(text.split()).encode(errors="surrogateescape").decode(errors="backslashreplace")
 
 
 def _generated_rows(job: dict[str, Any], numbers: Sequence[int]) -> Iterator[tuple[dict[str, Any], Any]]:
     plan, measures, device = job["plan"], job["measures"], job["device"]
     recipes = [plan.recipe(number) for number in numbers]
-    for number, recipe, particle in zip(numbers, recipes, _particles(recipes, device), strict=True):
+    together = _made_together(recipes, device)
+    for i, (number, recipe) in enumerate(zip(numbers, recipes, strict=True)):
         shape_class = plan.class_of(number) or shape_class_of(recipe.size)
         row = {"class": shape_class, **recipe_values(recipe)}
-        yield guarded(row, lambda particle=particle: _measured(particle, measures))
+
+        def work(i: int = i, recipe: Recipe = recipe) -> tuple[dict[str, Any], Any]:
+            return _measured(generate(recipe, device=device) if together is None else together[i], measures)
+
+        yield guarded(row, work)
 
 
-def _particles(recipes: list[Recipe], device: str) -> list[Particle | Exception]:
-    """Particles, all at once for a GPU's sake; if one fails, each by itself."""
+def _made_together(recipes: list[Recipe], device: str) -> list[Particle] | None:
+    """Particles made in one launch on a GPU; None where each is made by itself: on a CPU, or where one cannot be."""
+    if resolve_device(device) == "cpu":
+        return None
     try:
         return list(generate_many(recipes, device=device, threads=1))
-    except DeviceError:
-        raise
-    except Exception:
-        return [_attempt(recipe, device) for recipe in recipes]
+    except (MeshError, RecipeError):
+        return None
 
 
-def _attempt(recipe: Recipe, device: str) -> Particle | Exception:
-    try:
-        return generate(recipe, device=device)
-    except Exception as error:
-        return error  # for `guarded` to sort
-
-
-def _measured(particle: Particle | Exception, measures: Measures) -> tuple[dict[str, Any], Any]:
-    if isinstance(particle, UnsoundMeshError):
-        # The recipe is in the row already.
-        raise LithoformError(str(particle).partition("  The recipe:")[0])
-    if isinstance(particle, Exception):
-        raise particle
+def _measured(particle: Particle, measures: Measures) -> tuple[dict[str, Any], Any]:
     how = particle.provenance
     provenance = {
         "certificate": how["certificate"],

@@ -14,9 +14,7 @@ Fuller, W. B. & Thompson, S. E. (1907). The laws of proportioning concrete. Tran
 from __future__ import annotations
 
 import math
-import re
 from dataclasses import dataclass
-from decimal import Decimal
 from itertools import pairwise
 from pathlib import Path
 from typing import Final, Literal
@@ -25,6 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lithoform.errors import FileFormatError, RecipeError
+from lithoform.gradation.quantities import METRES, parse_length
 from lithoform.parameters import suggest
 
 __all__ = [
@@ -34,7 +33,6 @@ __all__ = [
     "Gradation",
     "find_gradation",
     "fuller",
-    "parse_length",
     "read_gradation",
 ]
 
@@ -44,32 +42,6 @@ _FINEST, _COARSEST, _STEP = 1e-9, 1e3, 1e-4
 
 SAME_OPENING: Final = 1e-9
 """Relative distance within which two openings are one: 2.36 / 1000 is not the float that 0.00236 is."""
-
-_LENGTH: Final = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d{1,3})?)\s*([a-zµμ]*)\s*", re.IGNORECASE)
-# Decimals, so that 2.36 mm is the float that is nearest to 0.00236 m, as a reader of the standard would write it.
-_METRES: Final = {unit: Decimal(metres) for unit, metres in (
-    ("m", "1"), ("cm", "0.01"), ("mm", "0.001"), ("um", "1e-6"), ("µm", "1e-6"), ("μm", "1e-6"), ("in", "0.0254"),
-)}  # fmt: skip
-
-
-def parse_length(text: str, default_unit: str = "mm") -> float:
-    """Length [m] of a text such as "2.36mm", "75 um", "0.5 in" or, in the default unit, "2.36".
-
-    Raises
-    ------
-    RecipeError
-        If it is no positive number, or the unit is none of m, cm, mm, um, in.
-    """
-    match = _LENGTH.fullmatch(str(text))
-    if match is None:
-        raise RecipeError(f"expected a length such as 2.36mm; got {text!r}.")
-    unit = match[2].lower() or default_unit
-    if unit not in _METRES:
-        raise RecipeError(f"expected a unit of m, cm, mm, um, in; got {unit!r} in {text!r}.")
-    length = float(Decimal(match[1]) * _METRES[unit])
-    if not 0.0 < length < math.inf:
-        raise RecipeError(f"expected a positive, finite length; got {text!r}.")
-    return length
 
 
 @dataclass(frozen=True)
@@ -242,7 +214,7 @@ def read_gradation(path: str | Path) -> Gradation:
         raise FileFormatError(f"the gradation {file} cannot be read: {reason}.") from error
     kept = [(n, line) for n, line in enumerate(lines, 1) if line.strip(" ,") and not line.lstrip().startswith("#")]
     header = [cell.strip(' "').lower() for cell in kept[0][1].split(",")] if kept else []
-    sizes = [c for c in header if c.startswith("size_") and c.removeprefix("size_") in _METRES]
+    sizes = [c for c in header if c.startswith("size_") and c.removeprefix("size_") in METRES]
     limits = ["passing"] if "passing" in header else ["low", "high"]
     if len(sizes) != 1 or any(header.count(c) != 1 for c in limits):
         raise FileFormatError(f"{file}: expected the columns size_mm and passing, or size_mm, low and high, in the "
