@@ -43,7 +43,9 @@ th, td { padding: 0.25rem 0.4rem; text-align: right; vertical-align: top; }
 th { border-bottom: 1px solid var(--ink); font-weight: 600; vertical-align: bottom; }
 td { border-bottom: 1px solid var(--line); }
 .text { text-align: left; max-width: 11rem; overflow-wrap: break-word; }
-.long { max-width: none; min-width: 16rem; }
+td:not(.text) { white-space: nowrap; }
+.same, .open, .slight, .strong { min-width: 7.5rem; }
+td.long { max-width: none; min-width: 16rem; white-space: normal; }
 tr.first td { border-top: 2px solid var(--soft); }
 .same { background: var(--same); } .open { background: var(--open); }
 .slight { background: var(--slight); } .strong { background: var(--strong); }
@@ -56,7 +58,7 @@ figcaption { color: var(--soft); font-size: 0.9rem; margin-top: 0.4rem; max-widt
   @page { size: A4 landscape; margin: 12mm; }
   body { max-width: none; padding: 0; font-size: 10pt; print-color-adjust: exact; -webkit-print-color-adjust: exact; }
   table { font-size: 7.5pt; } th, td { padding: 0.1rem 0.35rem; }
-  .wide { overflow: visible; } .long { min-width: 9rem; }
+  .wide { overflow: visible; } td.long { min-width: 9rem; }
   thead { display: table-header-group; }
   tr, figure { break-inside: avoid; } h2 { break-after: avoid; }
   figure img { max-height: 160mm; width: auto !important; border: none; } }
