@@ -18,8 +18,8 @@ PACKAGE = ROOT / "src" / "lithoform"
 MODULES = sorted(PACKAGE.rglob("*.py"))
 MAX_LINES = 500
 HEAVY = (
-    "cyclopts dask distributed duckdb fast_simplification matplotlib pyarrow pyvista rich scipy shapely trimesh vtk "
-    "vtkmodules warp"
+    "SALib cyclopts dash dask distributed duckdb fast_simplification matplotlib plotly pyarrow pyvista rich scipy "
+    "shapely sklearn trimesh vtk vtkmodules warp"
 ).split()
 
 # Who may import whom inside the package. A name is a module or a folder; within a folder all is allowed.
@@ -33,6 +33,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "parameters": {"errors", "seeds"},
     "presets": {"errors", "parameters", "seeds"},
     "recipe_io": FOUNDATION,
+    "axes": {"errors", "parameters"},
     # shape: noise -> radius; mesh -> conditioning; all -> generate
     "warp_runtime": {"errors"},
     "noise": FOUNDATION | {"warp_runtime"},
@@ -78,7 +79,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "production": FOUNDATION
     | {"atomic", "generation", "locking", "mesh_io", "particle", "planning", "progress", "sidecar"},
     # populations
-    "population_recipe": FOUNDATION | {"recipe_io"},
+    "population_recipe": FOUNDATION | {"axes", "recipe_io"},
     "database": FOUNDATION
     | MEASURES
     | {
@@ -100,8 +101,22 @@ MAY_IMPORT: dict[str, set[str]] = {
     },
     "gradation": {"errors", "parameters", "seeds"},
     "statistics": {"errors"},
-    "sensitivity": FOUNDATION | {"descriptors", "generation", "particle", "statistics"},
-    "inverse": FOUNDATION | {"descriptors", "generation", "particle", "statistics"},
+    "sensitivity": FOUNDATION | {"axes", "database", "descriptors", "generation", "parallel", "progress", "statistics"},
+    "inverse": FOUNDATION
+    | {
+        "atomic",
+        "axes",
+        "database",
+        "descriptors",
+        "feasibility",
+        "generation",
+        "parallel",
+        "particle",
+        "progress",
+        "sensitivity",
+        "sidecar",
+        "statistics",
+    },
     # specimens: never the database
     "dem": {"errors", "mesh"},
     "compaction": {"dem", "errors", "mesh"},
@@ -135,6 +150,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     },
     "matching": FOUNDATION
     | {
+        "axes",
         "database",
         "descriptors",
         "feasibility",

@@ -13,7 +13,8 @@ from scipy import stats
 from lithoform import Recipe
 from lithoform.errors import FileFormatError, RecipeError, SampleError
 from lithoform.matching.dimensions import fit_dimensions, normal_scores
-from lithoform.matching.estimation import Density, Pool, energy_distances, estimate, objective
+from lithoform.matching.emulator import Stones, fit_emulator
+from lithoform.matching.estimation import Density, Places, energy_distances, estimate, objective
 from lithoform.matching.judging import detectable_shift, judge
 from lithoform.matching.match import Match, match_population, split
 from lithoform.matching.references import read_reference
@@ -23,37 +24,82 @@ from lithoform.matching.telling import as_dict, as_text
 from lithoform.matching.variables import VARIABLES, base_recipe, variables_for
 from lithoform.population_recipe import PopulationRecipe, Spread, read_population_recipe
 
-WHITENING = np.array([[12.0, 0.0], [-3.0, 8.0]])
-TRUTH = Density(np.array([0.6, 0.4]), np.array([[0.05, 0.0, -0.02], [0.0, 0.08, 0.0]]), WHITENING)
+TRUTH = Density(
+    np.array([0.6, 0.4]), np.array([[0.05, 0.0, -0.02], [0.0, 0.08, 0.0]]), np.array([[0.08, 0.0], [0.03, 0.12]])
+)
 
 
-def linear_stones(coordinates: np.ndarray, scores: np.ndarray, generator: np.random.Generator) -> np.ndarray:
-    """Descriptors of a made-up generator: linear in the coordinates, with a scatter from seed to seed."""
-    shape = np.array([[1.0, 0.3], [0.2, -1.0], [0.5, 0.5]])
-    seeds = 0.03 * generator.standard_normal((len(coordinates), 3))
-    return np.column_stack([coordinates @ shape.T + seeds, scores[:, 1:] * 0.1])
+def made_up_stones(coordinates: np.ndarray, scores: np.ndarray, generator: np.random.Generator) -> np.ndarray:
+    """Descriptors of a made-up generator: curved in the coordinates, with a scatter that grows with the first."""
+    u, v = np.clip(coordinates, 0.0, 1.0).T
+    scatter = 0.03 * np.exp(u) * generator.standard_normal((3, len(u)))
+    middle = (u + 0.3 * v**2, 0.2 * u - v + 0.3 * u**3, 0.5 * u * v + 0.02 * scores[:, 0])
+    return np.column_stack(np.array(middle) + scatter)
 
 
-def even_pool(count: int, seed: int) -> Pool:
+def even_stones(count: int, seed: int) -> Stones:
     generator = np.random.default_rng(seed)
     coordinates, scores = generator.random((count, 2)), generator.standard_normal((count, 3))
-    return Pool(coordinates, scores, linear_stones(coordinates, scores, generator), ((count, None),))
+    return Stones(coordinates, scores, made_up_stones(coordinates, scores, generator))
 
 
-def sample_of(density: Density, count: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def places_of(count: int, seed: int) -> Places:
+    generator = np.random.default_rng(seed)
+    normal, scores = generator.standard_normal((count, 2)), generator.standard_normal((count, 3))
+    return Places(normal, scores, 0.1 * scores[:, 1:])
+
+
+def sample_of(density: Density, count: int, seed: int) -> np.ndarray:
     generator = np.random.default_rng(seed)
     scores = generator.standard_normal((count, 3))
     coordinates = density.draw(generator.standard_normal((count, 2)), scores)
-    return coordinates, scores, linear_stones(coordinates, scores, generator)
+    return np.column_stack([made_up_stones(coordinates, scores, generator), 0.1 * scores[:, 1:]])
 
 
-def test_the_log_density_is_that_of_scipy():
-    scores = np.array([[0.3, -1.0, 0.5]])
-    points = np.array([[0.5, 0.3]])
-    mean = TRUTH.mean + TRUTH.slopes @ scores[0]
-    covariance = np.linalg.inv(WHITENING.T @ WHITENING)
-    expected = stats.multivariate_normal(mean, covariance).logpdf(points[0])
-    assert TRUTH.log(points, scores)[0] == pytest.approx(expected, rel=1e-12)
+def test_the_emulator_is_the_mean_and_the_scatter_of_stones():
+    emulator = fit_emulator(even_stones(3000, 1))
+    generator = np.random.default_rng(2)
+    coordinates, scores = 0.1 + 0.8 * generator.random((400, 2)), generator.standard_normal((400, 3))
+    stones = emulator.nearest(coordinates, scores)
+    assert len(np.unique(stones)) == 400  # none used twice while there are enough
+    values = emulator.values(coordinates, scores, stones)[0]
+    u, v = coordinates.T
+    middle = np.column_stack([u + 0.3 * v**2, 0.2 * u - v + 0.3 * u**3, 0.5 * u * v + 0.02 * scores[:, 0]])
+    scatter = (values - middle) / (0.03 * np.exp(u))[:, None]
+    assert np.abs(scatter.mean(axis=0)).max() < 0.15  # 400 stones: 0.05 by chance, and the error of the cubic
+    assert np.allclose(scatter.std(axis=0), 1.0, rtol=0.1)
+    for half in (u < 0.4, u > 0.6):
+        assert np.allclose(scatter[half].std(axis=0), 1.0, rtol=0.15)
+
+
+def test_scatter_is_carried_from_where_it_is_small_to_where_it_is_large():
+    emulator = fit_emulator(even_stones(3000, 3))
+    rows = np.argsort(emulator.stones.coordinates[:, 0])[:300]  # u near 0.05
+    scores = emulator.stones.scores[rows]
+    values = emulator.values(np.full((300, 2), 0.9), scores, rows)[0]
+    centred = values - np.column_stack([np.zeros((300, 2)), 0.02 * scores[:, 0]])
+    assert np.allclose(centred.std(axis=0), 0.03 * math.exp(0.9), rtol=0.15)
+
+
+def test_few_stones_are_used_evenly_often():
+    emulator = fit_emulator(even_stones(60, 4))
+    places = places_of(150, 5)
+    counts = np.bincount(emulator.nearest(TRUTH.draw(places.normal, places.scores), places.scores), minlength=60)
+    assert counts.max() == 3
+
+
+def test_slopes_of_the_emulator_are_those_of_finite_differences():
+    emulator = fit_emulator(even_stones(600, 6))
+    generator = np.random.default_rng(7)
+    coordinates, scores = 0.1 + 0.8 * generator.random((20, 2)), generator.standard_normal((20, 3))
+    stones = emulator.nearest(coordinates, scores)
+    slopes = emulator.values(coordinates, scores, stones)[1]
+    for k in range(2):
+        step = np.eye(2)[k] * 1e-6
+        up, down = (emulator.values(coordinates + sign * step, scores, stones)[0] for sign in (1.0, -1.0))
+        assert np.allclose(slopes[:, :, k], (up - down) / 2e-6, rtol=1e-6, atol=1e-8)
+    outside = emulator.values(coordinates + 1.0, scores, stones)[1]
+    assert np.all(outside == 0.0)
 
 
 def test_joint_moments_are_those_of_a_large_sample():
@@ -76,22 +122,22 @@ def test_the_energy_of_two_points_is_known():
 
 
 def test_the_gradient_is_that_of_finite_differences():
-    pool = even_pool(60, 1)
-    pool = pool.joined(Pool(*sample_of(TRUTH.widened(1.5), 40, 2), origins=((40, TRUTH.widened(1.5)),)))
-    reference = sample_of(TRUTH, 20, 3)[2]
+    emulator, places = fit_emulator(even_stones(400, 1)), places_of(90, 2)
+    reference = sample_of(TRUTH, 20, 3)
     preset = np.array([0.3, 0.7])
-    at = Density(np.array([0.55, 0.45]), 0.8 * TRUTH.slopes + 0.01, 0.6 * WHITENING)
-    gradient = objective(pool, reference, preset, at)[1]
+    at = Density(np.array([0.55, 0.45]), 0.8 * TRUTH.slopes + 0.01, 0.6 * TRUTH.spread)
+    gradient = objective(emulator, places, reference, preset, at, TRUTH)[1]
 
     def moved(mean=(0.0, 0.0), slope=0.0, diagonal=0.0, below=0.0):
-        whitening = at.whitening.copy()
-        whitening[1, 1] *= math.exp(diagonal)
-        whitening[1, 0] += below
+        spread = at.spread.copy()
+        spread[1, 1] *= math.exp(diagonal)
+        spread[1, 0] += below
         slopes = at.slopes.copy()
         slopes[1, 2] += slope
-        return objective(pool, reference, preset, Density(at.mean + np.array(mean), slopes, whitening))[0]
+        density = Density(at.mean + np.array(mean), slopes, spread)
+        return objective(emulator, places, reference, preset, density, TRUTH)[0]
 
-    step = 1e-5
+    step = 1e-6
     for place, change in (
         (0, {"mean": (step, 0.0)}), (1, {"mean": (0.0, step)}), (7, {"slope": step}), (9, {"diagonal": step}),
         (10, {"below": step}),
@@ -100,26 +146,37 @@ def test_the_gradient_is_that_of_finite_differences():
         assert gradient[place] == pytest.approx((moved(**change) - moved(**back)) / (2 * step), rel=1e-4, abs=1e-7)
 
 
-def test_a_known_population_is_found_among_stones_of_others():
-    pool = even_pool(1500, 4)
-    wide = TRUTH.widened(2.0)
-    pool = pool.joined(Pool(*sample_of(wide, 800, 5), origins=((800, wide),)))
-    reference = sample_of(TRUTH, 600, 6)[2]
-    start = Density(np.full(2, 0.5), np.zeros((2, 3)), np.eye(2) / 0.2)
-    found = estimate(pool, reference, np.full(2, 0.5), [start], least_stones=100)
-    assert np.abs(found.density.mean - TRUTH.mean).max() < 0.02
-    expected, _ = TRUTH.joint(np.eye(3))
-    assert np.allclose(found.density.joint(np.eye(3))[0], expected, rtol=0.2)
+@pytest.mark.parametrize("factor", [0.1, 1.0, 2.0])  # of the spread: a narrow, a usual and a wide population
+def test_a_known_population_is_found_among_stones_of_others(factor):
+    truth = dataclasses.replace(TRUTH, slopes=factor * TRUTH.slopes, spread=factor * TRUTH.spread)
+    reference = sample_of(truth, 600, 6)
+    start = Density(np.full(2, 0.5), np.zeros((2, 3)), 0.2 * np.eye(2))
+    found = estimate(fit_emulator(even_stones(2000, 4)), places_of(500, 5), reference, np.full(2, 0.5), start)
+    assert np.abs(found.density.mean - truth.mean).max() < 0.02
+    expected, _ = truth.joint(np.eye(3))
+    assert np.allclose(found.density.joint(np.eye(3))[0], expected, rtol=0.2, atol=0.015)
     # A sample of the population itself is as far, on average, as chance alone puts it.
     assert found.energy < 2.0 * found.noise
 
 
-def test_weights_of_a_mixture_of_densities_are_unbiased():
-    pool = even_pool(4000, 7)
-    wide = TRUTH.widened(1.5)
-    pool = pool.joined(Pool(*sample_of(wide, 4000, 8), origins=((4000, wide),)))
-    ratios = np.exp(TRUTH.log(pool.coordinates, pool.scores) - pool.log_density())
-    assert ratios.mean() == pytest.approx(1.0, abs=0.05)
+def test_stones_of_the_population_itself_are_as_far_as_the_noise_says():
+    emulator, places = fit_emulator(even_stones(2000, 7)), places_of(400, 8)
+    coordinates = TRUTH.draw(places.normal, places.scores)
+    stones = emulator.nearest(coordinates, places.scores)
+    rows = np.column_stack([emulator.values(coordinates, places.scores, stones)[0], places.dimensions])
+    energies, noises, prices = [], [], []
+    for seed in range(60):
+        reference = sample_of(TRUTH, 40, 100 + seed)
+        unit = reference.std(axis=0, ddof=1)
+        between = energy_distances(rows / unit, rows / unit, first=3).sum() / (400 * 399)
+        within = energy_distances(reference / unit, reference / unit, first=3).mean()
+        across = energy_distances(rows / unit, reference / unit, first=3).mean()
+        energies.append(2.0 * across - between - within)
+        noises.append(between / 40)
+        prices.append(objective(emulator, places, reference, TRUTH.mean, TRUTH, TRUTH)[0] - energies[-1])
+    assert np.mean(energies) == pytest.approx(np.mean(noises), rel=0.15)
+    assert np.ptp(prices) < 1e-12  # the price of a density has nothing to do with the reference but its size
+    assert 0.0 < prices[0] < 0.1 * np.mean(noises)
 
 
 def test_dimensions_keep_their_margins_and_correlation():
@@ -141,7 +198,7 @@ def test_coordinates_and_values_are_inverse_and_the_carrier_is_the_population():
         np.column_stack([np.linspace(0.01, 0.02, 30), np.linspace(0.5, 1, 30), np.linspace(0.4, 1, 30)])
     )
     d = len(VARIABLES)
-    density = Density(np.full(d, 0.5), np.zeros((d, 3)), np.eye(d) / 0.1)
+    density = Density(np.full(d, 0.5), np.zeros((d, 3)), 0.1 * np.eye(d))
     population = population_of(density, VARIABLES, model, base_recipe(1280))
     score = 1.3
     recipe = population.recipe_at([0.0] * 3 + [score] * d, 1)

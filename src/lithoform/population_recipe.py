@@ -14,8 +14,9 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from statistics import NormalDist
-from typing import Any, Final, Literal, get_args
+from typing import Any, Final, get_args
 
+from lithoform.axes import Scale
 from lithoform.errors import FileFormatError, RecipeError
 from lithoform.parameters import PARAMETERS, Recipe, find_parameter, suggest
 from lithoform.recipe_io import from_dict, read_table, to_toml
@@ -24,8 +25,6 @@ from lithoform.seeds import MAX_SEED, Role, derive, uniform
 __all__ = [
     "DIMENSIONS", "PopulationRecipe", "Spread", "is_population", "parse_population_recipe", "read_population_recipe",
 ]  # fmt: skip
-
-Scale = Literal["linear", "log", "square_root"]
 
 DIMENSIONS: Final = ("length", "elongation", "flatness")
 """L [m], EI = W / L and FI = H / W, in the order of the first rows of the correlation matrix."""

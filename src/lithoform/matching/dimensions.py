@@ -34,6 +34,15 @@ class DimensionModel:
         """Correlated normal scores of independent ones, both shape (n, 3)."""
         return np.einsum("ij,kj->ik", normal, np.linalg.cholesky(self.correlation))
 
+    def values(self, scores: np.ndarray) -> np.ndarray:
+        """L [m], EI and FI at normal scores, both shape (n, 3)."""
+        from scipy.special import ndtr
+
+        count = self.quantiles.shape[1]
+        levels = (np.arange(count) + 0.5) / count
+        margins = zip(ndtr(scores).T, self.quantiles, strict=True)
+        return np.column_stack([np.interp(at, levels, quantiles) for at, quantiles in margins])
+
 
 def fit_dimensions(values: np.ndarray) -> DimensionModel:
     """Model of measured dimensions.

@@ -9,12 +9,16 @@ from typing import Final
 
 import numpy as np
 
+from lithoform.axes import Axis
+from lithoform.descriptors.table import FOUR
 from lithoform.errors import RecipeError
 from lithoform.feasibility import require_feasible
 from lithoform.matching.dimensions import DimensionModel, fit_dimensions
-from lithoform.matching.estimation import Density, Estimate, Pool, estimate
+from lithoform.matching.emulator import Stones, fit_emulator
+from lithoform.matching.estimation import Density, Estimate, Places, estimate
 from lithoform.matching.stones import MATCHED, measured
-from lithoform.matching.variables import Variable, base_recipe, preset_coordinates, variables_for
+from lithoform.matching.variables import base_recipe, preset_coordinates, variables_for
+from lithoform.parallel import in_order
 from lithoform.parameters import Recipe
 from lithoform.population_recipe import PopulationRecipe, Spread
 from lithoform.seeds import Role, derive
@@ -35,12 +39,18 @@ _START_DEVIATION: Final = 0.2
 _APART: Final = 0.15
 """Least distance of the means of two populations that are both followed, as coordinates."""
 
-_LEAST_STONES: Final = (0.08, 0.10, 0.14, 0.20, 0.25, 0.30)
-"""Stones that the weights should rest on, as a share of all made so far: few would be fitted for their seeds.  The
-share grows as the rounds close in, and keeps each round near the last."""
+_PLACES: Final = (96, 256, 400)
+"""Emulated stones in the first search from all starts, in those after it, and in the last."""
 
-_WIDENING: Final = 1.15
-"""Of the population from which a round is drawn, so that the next may be wider."""
+_STEPS: Final = (50, 150)
+"""Of the minimiser, likewise."""
+
+_WIDENING: Final = 1.3
+"""Of the deviations of the population from which a round is drawn, so that the fit reaches around it."""
+
+_NEAR: Final = 0.35
+_FAR_WEIGHT: Final = 0.05
+"""How fast the weight of stones falls with their distance from the population, as coordinates, and to what."""
 
 _SUBSEED: Final = 1 << 32  # beyond the counters of normal scores in a population recipe
 
@@ -56,26 +66,23 @@ class Search:
     population : PopulationRecipe
     density : Density
         The same in coordinates.
-    variables : tuple of Variable
+    variables : tuple of Axis
     energy : float
         Squared energy distance to the fitted part, as `lithoform.matching.estimation` has it.
     noise : float
         What a sample as large as the fitted part would have on average, were it of the population itself.
     stones : int
         Stones made.
-    effective : float
-        Stones of equal weight that the estimate rests on.
     unsound : int
         Stones left out because no sound mesh was found.
     """
 
     population: PopulationRecipe
     density: Density
-    variables: tuple[Variable, ...]
+    variables: tuple[Axis, ...]
     energy: float
     noise: float
     stones: int
-    effective: float
     unsound: int
 
     def at_limits(self) -> dict[str, str]:
@@ -133,17 +140,25 @@ def search(
 
     drawing = _Drawing(variables, model, base, seed, make)
     counts = [max(8, round(share * budget)) for share in _SHARES]
-    pool = drawing.stones([(counts[0], None)], 0)
+    stones = drawing.stones([(counts[0], None)], 0)
     starts = _starts(len(variables), preset, seed)
-    for round_, kept in enumerate(_KEPT):
-        least = _LEAST_STONES[round_] * len(pool)
-        found = [estimate(pool, reference, preset, [start], least_stones=least) for start in starts]
-        ends = _apart(sorted(found, key=lambda one: one.objective), kept)
-        widened = [end.density.widened(_WIDENING) for end in ends]
-        share = counts[round_ + 1] // len(ends)
-        pool = pool.joined(drawing.stones([(share, density) for density in widened], round_ + 1))
+    found: list[Estimate] = []
+    for round_, kept in enumerate((*_KEPT, 1)):
+        places = drawing.places(_PLACES[(round_ > 0) + (round_ == len(_KEPT))], round_)
+
+        def work(start: Density, stones: Stones = stones, places: Places = places, round_: int = round_) -> Estimate:
+            emulator = fit_emulator(stones, _nearness(stones, start) if round_ else None)
+            return estimate(emulator, places, reference, preset, start, steps=_STEPS[min(round_, 1)])
+
+        found = list(in_order(work, starts, threads=threads))
+        found.sort(key=lambda one: one.objective)
+        ends = _apart(found, kept)
         starts = [end.density for end in ends]
-    best = estimate(pool, reference, preset, starts, least_stones=_LEAST_STONES[-1] * len(pool))
+        if round_ == len(_KEPT):
+            break
+        share = counts[round_ + 1] // len(ends)
+        stones = stones.joined(drawing.stones([(share, density) for density in starts], round_ + 1))
+    best = found[0]
     return Search(
         population=population_of(best.density, variables, model, base),
         density=best.density,
@@ -151,13 +166,17 @@ def search(
         energy=best.energy,
         noise=best.noise,
         stones=drawing.made,
-        effective=best.stones,
-        unsound=drawing.made - len(pool),
+        unsound=drawing.made - len(stones),
     )
 
 
+def _nearness(stones: Stones, density: Density) -> np.ndarray:
+    away = (stones.coordinates - density.mean) / (_NEAR + np.sqrt((density.spread**2).sum(axis=1)))
+    return np.maximum(np.exp(-0.5 * (away**2).sum(axis=1)), _FAR_WEIGHT)
+
+
 def population_of(
-    density: Density, variables: tuple[Variable, ...], model: DimensionModel, base: Recipe
+    density: Density, variables: tuple[Axis, ...], model: DimensionModel, base: Recipe
 ) -> PopulationRecipe:
     """Population recipe of a density in coordinates and a model of dimensions, rounded to what it can tell."""
     deviations, correlation = density.joint(model.correlation)
@@ -197,7 +216,7 @@ class _Drawing:
     """Draws stones round by round; what a stone is depends on the seed, the round and its number alone."""
 
     def __init__(
-        self, variables: tuple[Variable, ...], model: DimensionModel, base: Recipe, seed: int, make: _Make
+        self, variables: tuple[Axis, ...], model: DimensionModel, base: Recipe, seed: int, make: _Make
     ) -> None:
         self.variables, self.model, self.seed, self.make = variables, model, seed, make
         # A population whose coordinates have a deviation of 1 puts scores that are coordinates on their values.
@@ -206,7 +225,15 @@ class _Drawing:
         self.carrier = population_of(even, variables, model, base)
         self.made = 0
 
-    def stones(self, origins: list[tuple[int, Density | None]], round_: int) -> Pool:
+    def places(self, count: int, round_: int) -> Places:
+        from scipy.special import ndtri
+
+        d = len(self.variables)
+        normal = ndtri(_spread_points(d + 3, count, derive(self.seed, Role.POPULATION, _SUBSEED + 3, round_)))
+        scores = self.model.scores(normal[:, d:])
+        return Places(normal[:, :d], scores, self.model.values(scores)[:, [1, 2, 0]])
+
+    def stones(self, origins: list[tuple[int, Density | None]], round_: int) -> Stones:
         from scipy.special import ndtri
 
         d = len(self.variables)
@@ -214,29 +241,24 @@ class _Drawing:
         for i, (count, density) in enumerate(origins):
             uniform = _spread_points(d + 3, count, derive(self.seed, Role.POPULATION, _SUBSEED, round_, i))
             scores = self.model.scores(ndtri(uniform[:, d:]))
-            coordinates = uniform[:, :d] if density is None else density.draw(ndtri(uniform[:, :d]), scores)
+            if density is None:
+                coordinates = uniform[:, :d]
+            else:
+                coordinates = density.draw(_WIDENING * ndtri(uniform[:, :d]), scores)
             parts.append((coordinates, scores))
         coordinates, scores = (np.concatenate(part) for part in zip(*parts, strict=True))
         recipes = list(self._recipes(coordinates, scores, round_))
         what = "stones of the design" if round_ == 0 else f"stones of round {round_}"
-        values = self.make(recipes, what)
+        values = self.make(recipes, what)[:, : len(FOUR)]
         self.made += len(recipes)
         sound = np.isfinite(values).all(axis=1)
-        owner = np.repeat(np.arange(len(origins)), [count for count, _ in origins])
-        counted = [(int(np.count_nonzero(sound & (owner == i))), density) for i, (_, density) in enumerate(origins)]
-        kept = tuple((count, density) for count, density in counted if count)
-        return Pool(coordinates[sound], scores[sound], values[sound], kept)
+        return Stones(np.clip(coordinates[sound], 0.0, 1.0), scores[sound], values[sound])
 
     def _recipes(self, coordinates: np.ndarray, scores: np.ndarray, round_: int) -> Iterator[Recipe]:
         for number, (own, dimensions) in enumerate(zip(coordinates, scores, strict=True)):
             seed = derive(self.seed, Role.POPULATION, _SUBSEED + 1, round_, number)
             recipe = self.carrier.recipe_at([*map(float, dimensions), *([0.0] * len(own))], seed)
-            yield recipe.replace(**{v.name: _whole(v, c) for v, c in zip(self.variables, own, strict=True)})
-
-
-def _whole(variable: Variable, coordinate: float) -> float | int:
-    value = variable.value(float(coordinate))
-    return math.floor(value + 0.5) if variable.name == "smoothing_iterations" else value
+            yield recipe.replace(**{v.name: v.setting(c) for v, c in zip(self.variables, own, strict=True)})
 
 
 def _spread_points(dimension: int, count: int, seed: int) -> np.ndarray:
@@ -252,7 +274,7 @@ def _spread_points(dimension: int, count: int, seed: int) -> np.ndarray:
 def _starts(d: int, preset: np.ndarray, seed: int) -> list[Density]:
     """Where the first search begins: around the preset, and spread over the range."""
     spread = 0.1 + 0.8 * _spread_points(d, _STARTS, derive(seed, Role.POPULATION, _SUBSEED + 2))
-    return [Density(mean, np.zeros((d, 3)), np.eye(d) / _START_DEVIATION) for mean in [preset, *spread]]
+    return [Density(mean, np.zeros((d, 3)), _START_DEVIATION * np.eye(d)) for mean in [preset, *spread]]
 
 
 def _apart(found: list[Estimate], count: int) -> list[Estimate]:
@@ -264,9 +286,9 @@ def _apart(found: list[Estimate], count: int) -> list[Estimate]:
     return kept
 
 
-def _require_range(variables: tuple[Variable, ...], base: Recipe) -> None:
+def _require_range(variables: tuple[Axis, ...], base: Recipe) -> None:
     """Refuse, before any work, a mesh that is too coarse for the ends of the ranges."""
-    ends = {v.name: _whole(v, 1.0) for v in variables}
+    ends = {v.name: v.setting(1.0) for v in variables}
     try:
         require_feasible(base.replace(**ends))
     except RecipeError as error:

@@ -26,7 +26,6 @@ def as_dict(match: Match) -> dict[str, Any]:
         "energy": found.energy,
         "energy_by_chance": found.noise,
         "stones": found.stones,
-        "effective_stones": found.effective,
         "unsound": found.unsound,
         "parameters": {
             s.name: {"scale": s.scale, "median": s.median, "deviation": s.deviation} for s in match.population.spreads
