@@ -303,6 +303,7 @@ def test_the_same_bytes_whatever_the_threads(hidden):
         ({"constant": 3}, SampleError, "true_sphericity to vary"),
         ({"bad": math.nan}, SampleError, "finite"),
         ({"bad": -0.1}, SampleError, "EI and FI"),
+        ({"long": 2e6}, SampleError, "1e-9 to 1e6 m"),
         ({"fit_share": 1.0}, SampleError, "between 0 and 1"),
         ({"fit_share": 0.9}, SampleError, "each part"),
         ({"seed": -1}, SampleError, "a seed of 0"),
@@ -319,6 +320,8 @@ def test_what_cannot_be_matched_is_refused(hidden, change, error, told):
         values[:, change.pop("constant")] = 0.5
     if "bad" in change:
         values[3, MATCHED.index("elongation")] = change.pop("bad")
+    if "long" in change:
+        values[3, MATCHED.index("length")] = change.pop("long")
     values = values[:, : change.pop("columns", 7)]
     with pytest.raises(error, match=told):
         match_population(values, **{"budget": 60, "triangles": 320, **change})
@@ -328,9 +331,13 @@ def test_references_are_tables_and_folders(tmp_path, hidden):
     table = tmp_path / "table.csv"
     rows = [",".join((*MATCHED, "unit")), *(",".join([*map(repr, map(float, row)), "m"]) for row in hidden[:25])]
     table.write_text("\n".join(rows) + "\n")
-    values, left_out = read_reference(table)
+    values, notes = read_reference(table)
     assert np.array_equal(values, hidden[:25])
-    assert left_out == ()
+    assert notes == ()
+    table.write_text("\n".join(row.rpartition(",")[0] for row in rows) + "\n")  # without the column unit
+    values, notes = read_reference(table)
+    assert np.array_equal(values, hidden[:25])
+    assert "no column unit" in notes[0]
     table.write_text("roundness,boxiness\n0.5,0.4\n")
     with pytest.raises(SampleError, match="no column"):
         read_reference(table)

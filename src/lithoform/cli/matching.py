@@ -61,9 +61,9 @@ def match(
 
     # What cannot be written is refused before the work.
     with atomic_path(out) as partial:
-        values, left_out = read_reference(reference, unit=unit, triangles=triangles, progress=True)
-        for told in left_out:
-            print(f"not measured: {told}", file=sys.stderr)
+        values, notes = read_reference(reference, unit=unit, triangles=triangles, progress=True)
+        for note in notes:
+            print(note, file=sys.stderr)
         found = match_population(
             values,
             seed=seed,
@@ -76,7 +76,7 @@ def match(
         )
         partial.write_bytes(found.population.to_toml().encode())
     if json_:
-        say(json.dumps({"file": str(out), "not_measured": list(left_out), **as_dict(found)}, indent=2))
+        say(json.dumps({"file": str(out), "notes": list(notes), **as_dict(found)}, indent=2))
     else:
         say(as_text(found))
         say(f"\nPopulation recipe: {out}")

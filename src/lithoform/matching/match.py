@@ -193,6 +193,10 @@ def _checked(reference: np.ndarray) -> np.ndarray:
     if not np.isfinite(values).all():
         raise SampleError("expected finite values in the reference, got NaN or infinite; drop those particles first.")
     ratios = values[:, [MATCHED.index("elongation"), MATCHED.index("flatness")]]
-    if not ((ratios > 0.0) & (ratios <= 1.0)).all() or not (values[:, MATCHED.index("length")] > 0.0).all():
-        raise SampleError("expected EI and FI above 0 and up to 1, and lengths above 0 [m], in the reference.")
+    lengths = values[:, MATCHED.index("length")]
+    if not ((ratios > 0.0) & (ratios <= 1.0)).all() or not ((lengths >= 1e-9) & (lengths <= 1e6)).all():
+        raise SampleError(
+            "expected EI and FI above 0 and up to 1, and lengths of 1e-9 to 1e6 m, in the reference; the longest is "
+            f"{lengths.max():g} m and the shortest {lengths.min():g} m: a table may tell its unit in a column unit."
+        )
     return values

@@ -37,8 +37,8 @@ def read_reference(
     -------
     values : numpy.ndarray, shape (n, 7)
         Columns as in `lithoform.matching.stones.MATCHED`; lengths in metres.
-    left_out : tuple of str
-        Scans that could not be measured, each with the reason.
+    notes : tuple of str
+        Scans that could not be measured, each with the reason, and a unit that was taken for granted.
 
     Raises
     ------
@@ -49,7 +49,11 @@ def read_reference(
     """
     path = Path(path)
     if is_store(path) or path.suffix.lower() in TABLES:
-        return read_population(path, MATCHED).values, ()
+        population = read_population(path, MATCHED)
+        if population.has_unit:
+            return population.values, ()
+        median = float(np.median(population.values[:, MATCHED.index("length")]))
+        return population.values, (f"{path} has no column unit: its lengths are taken as metres (median {median:g} m)",)
     if not path.is_dir():
         raise FileFormatError(f"expected a database, a folder of scans, or a table ending in {' or '.join(TABLES)}; "
                               f"{path} is {'a file of another kind' if path.exists() else 'not there'}.")  # fmt: skip
@@ -61,9 +65,10 @@ def read_reference(
     stream = survey(files, MATCHED, unit=unit, triangles=triangles)
     rows = list(track(stream, total=len(files), what="scans", enabled=progress))
     values = [[float(row.measurement[name]) for name in MATCHED] for row in rows if row.measurement is not None]
-    left_out = tuple(f"{row.file}: {row.error}" for row in rows if row.error)
+    notes = tuple(f"not measured: {row.file}: {row.error}" for row in rows if row.error)
     if not values:
-        raise FileFormatError(f"none of the {len(files)} scans in {path} can be measured; the first: {left_out[0]}")
+        raise FileFormatError(f"none of the {len(files)} scans in {path} can be measured; the first: "
+                              f"{notes[0].removeprefix('not measured: ')}")  # fmt: skip
     table = np.array(values)
     table[:, MATCHED.index("length")] *= 1.0 / per_metre  # to the last bit as a table of the same scans
-    return table, left_out
+    return table, notes

@@ -99,7 +99,7 @@ def _sentences(match: Match) -> list[str]:
         )
     lines.append(
         f"The test is only as sharp as {held.sizes[0]} particles allow: a mean off by {held.detectable:.2f} standard "
-        "deviations is found in 4 of 5 cases, smaller shifts more rarely."
+        "deviations is found by one test in 4 of 5 cases, smaller shifts more rarely."
     )
     parts = match.parts
     lines.append(
