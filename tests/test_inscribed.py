@@ -151,6 +151,21 @@ def test_no_random_search_finds_a_larger_sphere(kind, seed):
     assert found.radius == pytest.approx(oracle, rel=8e-3)
 
 
+def test_a_torn_stone_does_not_let_the_ascent_out():
+    # Relief so strong that the walls are thinner than the sample: ascents between the samples climb without end.
+    recipe = benchmark_recipe(
+        base_radius=1.7, perturbation=1.0, main_scale=3.0, warp_scale=2.0, warp_strength=0.0,
+        phase_offset=(2.0, 2.0, 2.0), octaves=7, lacunarity=2.0, gain=1.0 / 3.0, fbm_weight=0.0, ridge_weight=1.0,
+        chip_weight=2.0, chip_sharpness=128.0, layer_amplitude=8.0 / 3.0, layer_frequency=0.0, twist_rate=60.0,
+        width=14.0 / 9.0, height=0.8641975308641975, triangles=5_000, seed=4761106133576860377,
+    )  # fmt: skip
+    mesh = generate(recipe).mesh
+    found = inscribed_sphere(mesh)
+    assert distances(mesh, found.center[None])[0] == pytest.approx(found.radius, rel=1e-10)
+    assert winding(mesh, found.center) == pytest.approx(1.0, abs=1e-6)
+    assert found.radius >= climbed(mesh, 8, 1) * (1.0 - 1e-9)
+
+
 @given(
     seed=st.integers(0, 2**32 - 1),
     exponent=st.floats(-6.0, 6.0),

@@ -14,7 +14,8 @@ from lithoform import Recipe
 from lithoform.errors import FileFormatError, RecipeError, SampleError
 from lithoform.matching.dimensions import fit_dimensions, normal_scores
 from lithoform.matching.emulator import Stones, fit_emulator
-from lithoform.matching.estimation import Density, Places, energy_distances, estimate, objective
+from lithoform.matching.energy import energy_distances, sum_of_distances
+from lithoform.matching.estimation import Density, Places, estimate, objective
 from lithoform.matching.judging import detectable_shift, judge
 from lithoform.matching.match import Match, match_population, split
 from lithoform.matching.references import read_reference
@@ -119,6 +120,20 @@ def test_the_energy_of_two_points_is_known():
     )
     five = energy_distances(np.zeros((1, 5)), np.array([[0.0, 0.0, 1.0, -2.0, 3.0]]))[0, 0]
     assert five == pytest.approx(math.sqrt(5.0) + 1.5 + 0.5 * math.sqrt(14.0))
+
+
+def test_the_sum_of_distances_is_that_of_all_pairs():
+    generator = np.random.default_rng(13)
+    a, b = generator.standard_normal((9, 6)), generator.standard_normal((7, 6))
+    a[0] = b[0]  # equal rows have no direction
+    total, slopes = sum_of_distances(a, b, 4)
+    assert total == pytest.approx(energy_distances(a, b).sum(), rel=1e-13)
+    for i, k in ((3, 0), (8, 3)):
+        step = np.zeros_like(a)
+        step[i, k] = 1e-6
+        numeric = (energy_distances(a + step, b).sum() - energy_distances(a - step, b).sum()) / 2e-6
+        assert slopes[i, k] == pytest.approx(numeric, rel=1e-7)
+    assert np.isfinite(slopes).all()
 
 
 def test_the_gradient_is_that_of_finite_differences():

@@ -16,12 +16,15 @@ from lithoform import __version__
 from lithoform.cli.checking import check
 from lithoform.cli.comparing import compare
 from lithoform.cli.database import database
+from lithoform.cli.designing import design
+from lithoform.cli.exploring import explore
 from lithoform.cli.generating import generate
 from lithoform.cli.laboratory import laboratory
 from lithoform.cli.matching import match
 from lithoform.cli.measuring import measure, picture
 from lithoform.cli.output import drop_output, one_line, open_output, say
 from lithoform.cli.reproducing import reproduce
+from lithoform.cli.sensitivity import sensitivity
 from lithoform.errors import LithoformError, RecipeError
 
 __all__ = ["app", "main"]
@@ -35,7 +38,9 @@ app = App(
     help_format="markdown",
     suppress_keyboard_interrupt=False,  # `main` tells it
 )
-for _command in (generate, check, measure, laboratory, picture, database, compare, match, reproduce):
+for _command in (
+    generate, check, measure, laboratory, picture, database, compare, match, sensitivity, design, explore, reproduce,
+):  # fmt: skip
     app.command(_command)
 
 

@@ -6,7 +6,7 @@ import contextlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from lithoform.database.engine import ClusterError, spread
 from lithoform.database.schema import mesh_row, mesh_table, particle_schema, recipe_values, shape_values
@@ -17,7 +17,6 @@ from lithoform.errors import LithoformError, MeshError, RecipeError
 from lithoform.generation import generate, generate_many
 from lithoform.parameters import Recipe
 from lithoform.particle import Particle
-from lithoform.planning import Plan
 from lithoform.presets import shape_class_of
 from lithoform.sidecar import program_version
 from lithoform.topology import sphere
@@ -26,7 +25,35 @@ from lithoform.warp_runtime import resolve_device
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["Measures", "batch_size", "build", "carry_out", "guarded"]
+__all__ = ["Measures", "Numbered", "batch_size", "build", "carry_out", "guarded"]
+
+
+class Numbered(Protocol):
+    """What draws the recipes of a source: a plan of `lithoform generate`, or a design of `lithoform.sensitivity`.
+
+    A particle depends on nothing but its number; `as_dict` says in plain values what was asked for.
+    """
+
+    @property
+    def count(self) -> int:
+        """Number of particles, which are numbered from 1."""
+        ...
+
+    def recipe(self, number: int) -> Recipe:
+        """Recipe of a particle; a `RecipeError` where its settings cannot go together."""
+        ...
+
+    def class_of(self, number: int) -> str | None:
+        """Zingg class in which a particle is drawn, if any."""
+        ...
+
+    def validate(self) -> None:
+        """Refuse what cannot be carried out, before any work."""
+        ...
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -70,7 +97,7 @@ def batch_size(count: int, *, keep_meshes: bool) -> int:
 
 def build(
     folder: str | Path,
-    plan: Plan,
+    plan: Numbered,
     measures: Measures | None = None,
     *,
     source: str = "generated",
@@ -84,8 +111,8 @@ def build(
     ----------
     folder : path-like
         A database, or a new or empty folder.
-    plan : Plan
-        Its particles are those that `lithoform generate` makes with the same options.
+    plan : Numbered
+        The particles of a `Plan` are those that `lithoform generate` makes with the same options.
     measures : Measures, optional
     source : str
         Name of these particles in the database.
@@ -111,7 +138,7 @@ def build(
     -----
     Stopped at any moment and called again with the same arguments it ends with the files of a run that was not stopped,
     bit for bit: a batch depends on the plan alone.  A recipe of which no sound mesh can be made has a row with the
-    reason in the column error.
+    reason in the column error; so has a number of which the plan draws no valid recipe, and its row has nothing else.
     """
     measures = (measures or Measures()).resolved()
     plan.validate()
@@ -208,24 +235,35 @@ def _plain(error: Exception) -> str:
 
 def _generated_rows(job: dict[str, Any], numbers: Sequence[int]) -> Iterator[tuple[dict[str, Any], Any]]:
     plan, measures, device = job["plan"], job["measures"], job["device"]
-    recipes = [plan.recipe(number) for number in numbers]
-    together = _made_together(recipes, device)
-    for i, (number, recipe) in enumerate(zip(numbers, recipes, strict=True)):
+    recipes = [_drawn(plan, number) for number in numbers]
+    together = _made_together([recipe for recipe in recipes if isinstance(recipe, Recipe)], device)
+    for number, recipe in zip(numbers, recipes, strict=True):
+        if isinstance(recipe, RecipeError):
+            yield {"class": plan.class_of(number), "error": _plain(recipe)}, None
+            continue
         shape_class = plan.class_of(number) or shape_class_of(recipe.size)
         row = {"class": shape_class, **recipe_values(recipe)}
 
-        def work(i: int = i, recipe: Recipe = recipe) -> tuple[dict[str, Any], Any]:
-            return _measured(generate(recipe, device=device) if together is None else together[i], measures)
+        def work(recipe: Recipe = recipe) -> tuple[dict[str, Any], Any]:
+            return _measured(generate(recipe, device=device) if together is None else together[recipe], measures)
 
         yield guarded(row, work)
 
 
-def _made_together(recipes: list[Recipe], device: str) -> list[Particle] | None:
+def _drawn(plan: Numbered, number: int) -> Recipe | RecipeError:
+    """Recipe of a particle, or why it has none: a design may hold settings that cannot go together."""
+    try:
+        return plan.recipe(number)
+    except RecipeError as error:
+        return error
+
+
+def _made_together(recipes: list[Recipe], device: str) -> dict[Recipe, Particle] | None:
     """Particles made in one launch on a GPU; None where each is made by itself: on a CPU, or where one cannot be."""
     if resolve_device(device) == "cpu":
         return None
     try:
-        return list(generate_many(recipes, device=device, threads=1))
+        return dict(zip(recipes, generate_many(recipes, device=device, threads=1), strict=True))
     except (MeshError, RecipeError):
         return None
 

@@ -122,6 +122,12 @@ def _coarse_maxima(surfels: Surfels) -> np.ndarray:
     points = np.repeat(np.arange(count, dtype=np.int32), 3).reshape(-1, 3)
     climb = _Ascent(surfels.positions, points, len(starts))
     maxima, heights = climb.run(starts, first_step=0.2, tolerance=1e-3, most_steps=25, check_side=False)
+    # Where the sample is thinner than the wall an ascent leaks out, and climbs without end.
+    low, high = surfels.positions.min(axis=0), surfels.positions.max(axis=0)
+    inside = ((maxima >= low) & (maxima <= high)).all(axis=1)
+    maxima, heights = maxima[inside], heights[inside]
+    if len(maxima) == 0:
+        return maxima
     order = np.argsort(-heights, kind="stable")
     order = order[heights[order] >= _WORTH_REFINING * heights[order[0]]]
     return _apart(maxima[order], 0.1 * float(heights[order[0]]), _EXACT_ASCENTS)

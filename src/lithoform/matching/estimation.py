@@ -21,23 +21,16 @@ from typing import Final
 
 import numpy as np
 
-from lithoform.descriptors.table import FOUR
 from lithoform.matching.emulator import Emulator
+from lithoform.matching.energy import energy_distances, sum_of_distances
 
-__all__ = ["Density", "Estimate", "Places", "energy_distances", "estimate", "objective"]
+__all__ = ["Density", "Estimate", "Places", "estimate", "objective"]
 
 _DIMENSIONS: Final = 3
 _LEAST_DEVIATION: Final = 0.01  # of a coordinate's range; narrower populations of few stones cannot be told from it
 _MOST_DEVIATION: Final = 0.6
 _MOST_SLOPE: Final = 0.6
 _USUAL_DEVIATION: Final = 0.10
-
-_BLOCK: Final = 32
-"""Rows whose distances are worked out at once."""
-
-_MARGIN_SHARE: Final = 0.5
-_ALL_SHARE: Final = 0.5
-"""Weights, beside the distance of the four descriptors together, of each one's own and of all with the dimensions."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,50 +111,6 @@ class Estimate:
     objective: float
     energy: float
     noise: float
-
-
-def energy_distances(a: np.ndarray, b: np.ndarray, first: int = len(FOUR)) -> np.ndarray:
-    """Distances of all rows: Euclidean of the first columns, half of each of these alone, half Euclidean of all.
-
-    Each part is of negative type, so that the energy distance of their sum is a distance of distributions.
-
-    Parameters
-    ----------
-    a, b : numpy.ndarray, shape (n, p) and (m, p)
-        In standard deviations.
-    first : int
-        Columns that the match is for; the rest are the dimensions.
-
-    Returns
-    -------
-    numpy.ndarray, shape (n, m)
-    """
-    return _distances(a, b, first)[0]
-
-
-def _distances(a: np.ndarray, b: np.ndarray, first: int) -> tuple[np.ndarray, np.ndarray]:
-    """Distances of all rows, and the sum over b of their derivatives by the first columns of a, shape (n, first)."""
-    away = a.T[:, :, None] - b.T[:, None, :]
-    inner = np.einsum("knm,knm->nm", away[:first], away[:first])
-    outer = np.sqrt(inner + np.einsum("knm,knm->nm", away[first:], away[first:]))
-    inner = np.sqrt(inner)
-    tiny = np.finfo(np.float64).tiny
-    pull = 1.0 / np.maximum(inner, tiny) + _ALL_SHARE / np.maximum(outer, tiny)
-    gradient = np.einsum("knm,nm->nk", away[:first], pull) + _MARGIN_SHARE * np.sign(away[:first]).sum(axis=2).T
-    distances = inner + _ALL_SHARE * outer
-    for one in away[:first]:
-        distances += _MARGIN_SHARE * np.abs(one)
-    return distances, gradient
-
-
-def _sum_of_distances(a: np.ndarray, b: np.ndarray, first: int) -> tuple[float, np.ndarray]:
-    """Sum of the distances of all rows, and its derivatives by the first columns of a; in blocks that a cache holds."""
-    total, gradients = 0.0, []
-    for block in np.array_split(a, -(-a.shape[0] // _BLOCK)):
-        distances, gradient = _distances(block, b, first)
-        total += float(distances.sum())
-        gradients.append(gradient)
-    return total, np.concatenate(gradients)
 
 
 def estimate(
@@ -245,8 +194,8 @@ class _Problem:
         coordinates = density.draw(places.normal, places.scores)
         values, slopes = self.emulator.values(coordinates, places.scores, self.stones)
         rows = np.column_stack([(values - self.middle) / self.unit, self.dimensions])
-        across, by_across = _sum_of_distances(rows, self.target, self.first)
-        between, by_between = _sum_of_distances(rows, rows, self.first)
+        across, by_across = sum_of_distances(rows, self.target, self.first)
+        between, by_between = sum_of_distances(rows, rows, self.first)
         pairs, own_pairs = m * len(self.target), m * (m - 1)
         energy = 2.0 * across / pairs - between / own_pairs - self.constant
         by_rows = 2.0 * by_across / pairs - 2.0 * by_between / own_pairs

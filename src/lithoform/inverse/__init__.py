@@ -1,0 +1,1 @@
+"""Inverse design: from four descriptors to a setting of the generator whose stones have them."""
