@@ -19,7 +19,7 @@ MODULES = sorted(PACKAGE.rglob("*.py"))
 MAX_LINES = 500
 HEAVY = (
     "SALib cyclopts dash dask distributed duckdb fast_simplification matplotlib plotly pyarrow pyvista rich scipy "
-    "shapely sklearn trimesh vtk vtkmodules warp"
+    "shapely trimesh vtk vtkmodules warp"
 ).split()
 
 # Who may import whom inside the package. A name is a module or a folder; within a folder all is allowed.
