@@ -177,6 +177,28 @@ def test_every_field_of_a_recipe_has_one_control_within_its_range():
 # ------------------------------------------------------------------------------------------------ turns
 
 
+def test_stopping_waits_for_work_however_many_places_there_are():
+    turns = Turns(64)
+    begun = threading.Event()
+
+    def work():
+        with turns.enter("a", "studio", 1).working():
+            begun.set()
+            time.sleep(0.5)
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    begun.wait()
+    assert turns.stop(20.0)
+    thread.join()
+
+
+@pytest.mark.parametrize(("tolerance", "weight"), [(1e-300, 1.0), (-1.0, 1.0), (0.02, 1e308), (0.02, -1.0)])
+def test_tolerances_and_weights_beyond_sense_are_refused(tolerance, weight):
+    with pytest.raises(LithoformError, match="expected every"):
+        target_of((0.3, None, None, None), (tolerance,) * 4, (weight,) * 4)
+
+
 def test_of_the_requests_of_a_page_the_newest_wins():
     turns = Turns(1)
     first = turns.enter("a", "studio", 1)

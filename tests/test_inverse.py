@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import itertools
+import json
 import math
+import os
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -113,9 +117,10 @@ def test_what_is_not_asked_has_no_weight():
         ("R=1.2", None, None, "at most 1"),
         ("TS=0", None, None, "above 0"),
         ("B=0.9,S3D=0.8", None, None, "above its solidity"),
-        ("R=0.3", "0", None, "above 0"),
+        ("R=0.3", "0", None, "1e-06 to 1"),
         ("R=0.3", "B=0.1", None, "the target does not"),
-        ("R=0.3", None, "-1", "at least 0"),
+        ("R=0.3", None, "-1", "must be 0, or"),
+        ("R=0.3", None, "1e200", "must be 0, or"),
         ("R=0.3", None, "0", "at least one descriptor"),
     ],
 )
@@ -360,6 +365,22 @@ def test_the_surrogate_is_the_same_whatever_the_threads(library, surrogate):
     assert (other.scatter(x) == surrogate.scatter(x)).all()
 
 
+def test_a_fresh_process_gives_the_same_bytes_with_one_thread_and_with_two():
+    # SciPy's own BLAS is found only once it is loaded, which in this process it is.
+    code = (
+        "import hashlib; from lithoform.inverse.library import shipped_library; "
+        "from lithoform.inverse.surrogate import Surrogate; found = Surrogate.fit(shipped_library()); "
+        "print(hashlib.sha256(b''.join(s.weights.tobytes() for s in found.surfaces)).hexdigest())"
+    )
+    told = {
+        subprocess.run(
+            [sys.executable, "-c", code], env={**os.environ, **more}, check=True, capture_output=True, text=True
+        ).stdout
+        for more in ({"OPENBLAS_NUM_THREADS": "1"}, {"OPENBLAS_NUM_THREADS": "2"})
+    }
+    assert len(told) == 1
+
+
 def test_too_small_a_library_is_refused(library):
     few = replace(library, coordinates=library.coordinates[:20], descriptors=library.descriptors[:20])
     with pytest.raises(SampleError, match="at least 40 stones"):
@@ -497,3 +518,45 @@ def test_the_same_request_gives_the_same_design(library, surrogate):
     target = Target((0.4, 0.45, 0.9, 0.8))
     one, two = (by_search(target, library, surrogate=surrogate, evaluate=fast_generator, seed=4) for _ in range(2))
     assert as_dict(one) == as_dict(two)
+
+
+def test_the_unit_of_the_weights_does_not_matter(library, surrogate):
+    asked = [Target((0.4, 0.45, 0.9, 0.8), weights=(w,) * 4) for w in (1.0, 1e-3, 1e4)]
+    found = [by_search(t, library, surrogate=surrogate, evaluate=fast_generator, seed=4) for t in asked]
+    assert len({one.recipe for one in found}) == 1
+    assert found[1].predicted.mismatch == pytest.approx(1e-3 * found[0].predicted.mismatch)
+
+
+def test_reached_means_within_the_tolerances(library, surrogate):
+    told = set()
+    for tolerance in (0.003, 0.006, 0.02):  # less and more than ten stones can tell
+        target = Target((0.4, 0.45, 0.9, 0.8), tolerance=(tolerance,) * 4)
+        found = by_search(target, library, surrogate=surrogate, evaluate=fast_generator, seed=4)
+        assert found.reached == bool(within(found.mean[None], target)[0])
+        assert ("is reached" in found.verdict) == found.reached
+        told.add(found.reached)
+    assert told == {True, False}
+
+
+@pytest.mark.parametrize("damage", ["page", "kernels", "list", "twice"])
+def test_a_damaged_library_is_refused(tmp_path, library, damage):
+    import pyarrow.parquet as pq
+
+    path = write_library(library, tmp_path / "library.parquet")
+    if damage == "page":
+        content = bytearray(path.read_bytes())
+        content[len(content) // 3 : len(content) // 3 + 200] = bytes(200)
+        path.write_bytes(content)
+    else:
+        table = pq.read_table(path)
+        (key,) = [key for key in table.schema.metadata if key != b"ARROW:schema"]
+        about = json.loads(table.schema.metadata[key])
+        if damage == "kernels":
+            about["about"]["kernels"] = [{"scales": [1.0], "variance": 1.0, "noise": 1.0}]
+        elif damage == "list":
+            about = [about]
+        else:
+            about["axes"][1] = about["axes"][0]
+        pq.write_table(table.replace_schema_metadata({key: json.dumps(about).encode()}), path)
+    with pytest.raises(FileFormatError):
+        read_library(path)

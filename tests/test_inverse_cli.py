@@ -92,11 +92,15 @@ def test_a_folder_is_replaced_only_when_it_is_ours(library, tmp_path):
     assert run(*words, "--seeds", "2") == 0
     with pytest.raises(OutputError, match="give --overwrite"):
         run(*words, "--seeds", "1")
+    with pytest.raises(RecipeError, match="class"):
+        run(*words, "--class", "bladee", "--overwrite")
+    assert (out / "000002.stl").exists()  # what is there goes only when the new one is known
     assert run(*words, "--seeds", "1", "--overwrite") == 0
     assert not (out / "000002.stl").exists()
     other = tmp_path / "other"
     other.mkdir()
     (other / "thesis.txt").write_text("mine")
+    (other / "design.json").write_text('{"route": "x", "recipe": {}, "files": ["thesis.txt"]}')
     with pytest.raises(OutputError, match="other files"):
         run("--target", TARGET, "--library", str(library), "--no-refine", "--overwrite", "--out", str(other))
     assert (other / "thesis.txt").read_text() == "mine"
@@ -109,6 +113,7 @@ def test_a_folder_is_replaced_only_when_it_is_ours(library, tmp_path):
         (["--target", "R=0.3", "--route", "papr"], RecipeError, "Did you mean paper"),
         (["--target", "R=0.3", "--route", "paper", "--class", "cube"], RecipeError, "leave out"),
         (["--target", "R=0.3", "--seeds", "0"], RecipeError, "1 to 1000 --seeds"),
+        (["--target", "R=0.3", "--seed", "-1"], RecipeError, "seed must be 0"),
         (["--target", "R=0.3", "--class", "disc"], RecipeError, "--class to be one of"),
         (["--target", "R=0.3", "--library", "none.parquet"], FileFormatError, "cannot be read"),
     ],
@@ -122,6 +127,15 @@ def test_a_wrong_request_is_refused_in_a_sentence(tmp_path, words, kind, told):
 def test_a_library_is_not_written_into_its_database(tmp_path):
     with pytest.raises(OutputError, match="another place"):
         run("library", "build", str(tmp_path / "stones"), "--out", str(tmp_path / "stones" / "x.parquet"))
+
+
+def test_a_library_does_not_take_the_place_of_another_file(tmp_path):
+    mine = tmp_path / "mine.txt"
+    mine.write_text("keep")
+    with pytest.raises(FileFormatError, match="not a design library"):
+        run("library", "build", str(tmp_path / "stones"), "--out", str(mine), "--count", "200")
+    assert mine.read_text() == "keep"
+    assert not (tmp_path / "stones").exists()
 
 
 def test_pictures_show_what_comes_in():

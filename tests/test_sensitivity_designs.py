@@ -291,3 +291,10 @@ def test_solidity_does_not_know_the_dimensions():
     design = Points(axes=axes, coordinates=[[0.0, 0.0], [1.0, 1.0], [0.0, 1.0]], base=base)
     solid = [measure(generate(design.recipe(n)), ("solidity",))["solidity"] for n in (1, 2, 3)]
     assert solid == pytest.approx([solid[0]] * 3, rel=1e-9)
+
+
+def test_designs_of_too_many_stones_are_refused_before_they_are_drawn():
+    with pytest.raises(RecipeError, match="at most 10,000,000 particles"):
+        saltelli_sample(TABLE_7, samples=1 << 30)
+    with pytest.raises(RecipeError, match="at most 10,000,000 particles"):
+        morris_trajectories(TABLE_7, trajectories=10**9)

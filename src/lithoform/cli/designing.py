@@ -95,6 +95,7 @@ def make(
     from lithoform.inverse.writing import PICTURE_FILE, prepare_folder, write_design
     from lithoform.locking import folder_lock
     from lithoform.parameters import suggest
+    from lithoform.seeds import MAX_SEED
 
     started = time.perf_counter()
     wanted = parse_target(target, tolerance, weights)
@@ -105,15 +106,18 @@ def make(
     if route == "paper" and (class_ or library):
         raise RecipeError("the paper's route keeps the dimensions of its benchmark and takes no library; leave out "
                           "--class and --library.")  # fmt: skip
+    if not 0 <= seed <= MAX_SEED:
+        raise RecipeError(f"the seed must be 0 to {MAX_SEED}; got {seed}.")
     if not 1 <= seeds <= 1000 or not 2 <= fresh <= 10_000:
         raise RecipeError(f"expected 1 to 1000 --seeds and 2 to 10000 --fresh; got {seeds} and {fresh}.")
     from lithoform.atomic import make_folder
 
     make_folder(out)
     with folder_lock(out):
-        prepare_folder(out, overwrite=overwrite)
+        prepare_folder(out, overwrite=overwrite, remove=False)
         found = _found(route, wanted, library, triangles, class_, seed, max(fresh, seeds), refine)
         draws = _can_draw()
+        prepare_folder(out, overwrite=overwrite, remove=True)
         meshes = write_design(found, out, stones=seeds, picture=draws)
         if draws:
             _draw(found, meshes, out / PICTURE_FILE)
@@ -139,6 +143,7 @@ def build(
     workers: Whole | None = None,
     scheduler: str | None = None,
     device: str = "auto",
+    overwrite: Flag = False,
     json_: Json = False,
     debug: Flag = False,
 ) -> int:
@@ -166,6 +171,8 @@ def build(
         Address of a running Dask scheduler, whose workers do the work.
     device
         auto, cpu or cuda.
+    overwrite
+        Replace OUT even if it is no design library.
     json_
         Print one JSON object instead of text.
     debug
@@ -175,7 +182,7 @@ def build(
     from lithoform.database.building import Measures
     from lithoform.database.building import build as run
     from lithoform.inverse.building import LIBRARY_COUNT, LIBRARY_SOURCE, LibraryPlan
-    from lithoform.inverse.library import condense, write_library
+    from lithoform.inverse.library import condense, read_library, write_library
     from lithoform.progress import track
     from lithoform.warp_runtime import resolve_device
 
@@ -186,6 +193,8 @@ def build(
     if out.resolve().is_relative_to(folder.resolve()):
         raise OutputError(f"the library would lie in its database {folder}, which keeps no other files; name another "
                           "place for --out.")  # fmt: skip
+    if out.exists() and not overwrite:
+        read_library(out)  # of another file than a library an error, so that nothing else is replaced
     numbers: Iterator[int] = run(
         folder, plan, Measures(("four",)), source=LIBRARY_SOURCE, workers=workers, scheduler=scheduler, device=device
     )

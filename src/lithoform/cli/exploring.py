@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 
@@ -65,5 +66,10 @@ def explore(
         is_quiet = serve(app, listener, host, ready)
     finally:
         listener.close()
-    say("The explorer has ended." if is_quiet else "The explorer has ended; some work was still going on.")
+    if not is_quiet:
+        say("The explorer has ended; some work was still going on.")
+        # Threads are inside native code, which does not stand the interpreter's own end.
+        sys.stdout.flush()
+        os._exit(0)
+    say("The explorer has ended.")
     return 0

@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from lithoform.errors import LithoformError, RecipeError
 from lithoform.explorer.controls import controls
@@ -46,9 +46,13 @@ class Context:
     turns: Turns
 
 
+_MOST_TOLD: Final = 300  # characters
+
+
 def sentence(error: Exception) -> str:
-    """The message of an error on one line, without the recipe that some end with."""
-    return " ".join(str(error).partition("  The recipe:")[0].split()) or type(error).__name__
+    """The message of an error on one line, without the recipe that some end with, and no longer than a few lines."""
+    told = " ".join(str(error).partition("  The recipe:")[0].split()) or type(error).__name__
+    return told if len(told) <= _MOST_TOLD else f"{told[:_MOST_TOLD]} …"
 
 
 def add_api(server: Flask, context: Context) -> None:

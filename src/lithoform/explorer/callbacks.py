@@ -64,14 +64,14 @@ def _connect_space(app: Dash, space: DesignSpace) -> None:
             ranges = tuple((name, _limit(least, -math.inf), _limit(most, math.inf)) for name, least, most in limits)
             chosen = Filter(tuple(classes or ()), ranges, bool(within))
             indices = space.shown(chosen, asked)
-            ranked = space.best(indices, asked, min(int(best or 0), _MOST_BEST))
+            ranked = space.best(indices, asked, min(max(int(best or 0), 0), _MOST_BEST))
             figure = cloud(space, axes, asked, indices, ranked, theme=_theme(theme))
         except LithoformError as error:
             return no_update, sentence(error), no_update, no_update
         told = f"{len(indices):,} of {len(space):,} designs"
         if len(figure["data"]) < 4:
             told += "; the target has no place on these axes"
-        return figure, f"{told}.", _candidates(space, asked, ranked), [indices.tolist(), ranked.tolist()]
+        return figure, f"{told}.", _candidates(space, asked, ranked, len(indices)), [indices.tolist(), ranked.tolist()]
 
     app.clientside_callback(
         ClientsideFunction("explorer", "pick"), Output("space-told", "title"), Input("cloud", "clickData"),
@@ -79,7 +79,7 @@ def _connect_space(app: Dash, space: DesignSpace) -> None:
     )  # fmt: skip
 
 
-def _candidates(space: DesignSpace, target: Any, ranked: Any) -> Any:
+def _candidates(space: DesignSpace, target: Any, ranked: Any, left: int) -> Any:
     """A table of the best, whose buttons show a stone: the way to a point by keyboard."""
     from dash import html
 
@@ -91,7 +91,9 @@ def _candidates(space: DesignSpace, target: Any, ranked: Any) -> Any:
         named: dict[str, Any] = {"data-point": str(index)}
         button = html.Button(f"{index}", type="button", title=f"show design {index}", **named)
         rows.append(html.Tr([html.Td(button), *(html.Td(text) for text in (f"{mismatch[index]:.2f}", *values))]))
-    return html.Table([head, *rows]) if rows else "No design is left by the filters."
+    if not rows:
+        return "None is highlighted." if left else "No design is left by the filters."
+    return html.Table([head, *rows])
 
 
 def _connect_population(app: Dash, shelf: Shelf) -> None:

@@ -36,6 +36,7 @@ _SYMBOLS: Final = {
     **{p.name: p.symbol for p in PARAMETERS},
 }
 _BASELINE_SEEDS: Final = 5
+_MOST_ASKED: Final = 1e6  # of a tolerance or a weight: E stays finite
 
 
 @dataclass(frozen=True)
@@ -185,6 +186,9 @@ def target_of(values: Sequence[Any], tolerances: Sequence[Any], weights: Sequenc
         for name, number in zip(FOUR, numbers, strict=True):
             if not _is_number(number):
                 raise LithoformError(f"expected a number as the {what} of {name}; the field is empty or holds none.")
+    for what, numbers, least in (("tolerance", tolerances, 1e-6), ("weight", weights, 0.0)):
+        if not all(least <= number <= _MOST_ASKED for number in numbers):
+            raise LithoformError(f"expected every {what} from {least:g} to {_MOST_ASKED:g}.")
     asked = [float(v) if _is_number(v) else math.nan for v in values]
     return Target(tuple(asked), tuple(map(float, tolerances)), tuple(map(float, weights)))  # type: ignore[arg-type]
 

@@ -40,7 +40,7 @@ class _Look:
 
 _LOOKS: Final = {
     "light": _Look(
-        "#2b2a28", "#dedad2", "#ffffff", "#a8431c", ("#9a6a34", "#2f6f8f"), ("#c0392b", "#1f5f4a"), "Viridis"
+        "#2b2a28", "#dedad2", "#ffffff", "#a8431c", ("#9a6a34", "#2f6f8f"), ("#c2187a", "#1f5f4a"), "Viridis"
     ),
     "dark": _Look(
         "#e6e2da",
@@ -48,7 +48,7 @@ _LOOKS: Final = {
         "#262422",
         "#ffb07c",
         ("#d6a465", "#72b7d6"),
-        ("#ff7b6b", "#7fdcb8"),
+        ("#ff6fc8", "#7fdcb8"),
         [[0.0, "#fde725"], [0.3, "#5ec962"], [0.6, "#2f9a96"], [1.0, "#5a6fa8"]],
     ),
 }

@@ -117,7 +117,7 @@ def space_panel(space: DesignSpace) -> list[Any]:
     for name, value in zip(FOUR, DEFAULT_TARGET, strict=True):
         symbol = DESCRIPTORS[name].symbol.replace("_", "")
         fields = [
-            html.Td(_number(f"{what}-{name}", start, f"{what} of {name}", min=0))
+            html.Td(_number(f"{what}-{name}", start, f"{what} of {name}"))
             for what, start in (("target", value), ("tolerance", _TOLERANCE), ("weight", 1))
         ]
         rows.append(html.Tr([html.Th(symbol, scope="row", title=name.replace("_", " ")), *fields]))
@@ -142,7 +142,7 @@ def space_panel(space: DesignSpace) -> list[Any]:
                 html.Div(classes, role="group", **_aria(label="Zingg classes")),
                 dcc.Checklist([{"label": "within all tolerances", "value": "within"}], [], id="within"),
                 *limits,
-                _labelled("highlighted", dcc.Input(id="best", type="number", value=10, min=0, max=100, step=1)),
+                _labelled("highlighted", dcc.Input(id="best", type="number", value=10)),
             ]
         ),
     ]

@@ -6,6 +6,7 @@ import contextlib
 import math
 import re
 import threading
+import time
 from collections import OrderedDict
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -95,7 +96,8 @@ class Turns:
         """Drop all work; whether what was in progress ended within a time [s]."""
         with self._lock:
             self._is_open = False
-        taken = sum(self._places.acquire(timeout=patience / self._count) for _ in range(self._count))
+        end = time.monotonic() + patience
+        taken = sum(self._places.acquire(timeout=max(end - time.monotonic(), 0.0)) for _ in range(self._count))
         return taken == self._count
 
     @property

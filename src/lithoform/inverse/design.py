@@ -38,7 +38,9 @@ _WAY_OUT: Final = {
 _ADDITIVE: Final = "the additive model knows no interactions; the route search does."
 
 _DOUBT: Final = 2.0
-"""Standard errors by which a mean may miss its tolerance and still count as met."""
+"""Standard errors by which a mean may miss its tolerance by chance."""
+
+Nearness = Literal["reached", "by chance", "missed"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +91,7 @@ class Design:
     refined : bool
         Whether the real generator took part in the search.
     reached : bool
-        Whether the mean of the fresh stones is within all tolerances, or misses them by chance alone.
+        Whether the mean of the fresh stones is within all tolerances.
     limits : tuple of Limit
         Where the target is not reached: what stops it, the first first.
     verdict : str
@@ -186,6 +188,7 @@ def by_search(
         If the class is unknown, or the library has no part in it.
     """
     evaluate = evaluator() if evaluate is None else evaluate
+    asked, target = target, target.normalised()
     region = region_of(library, shape_class)
     told(f"surrogate of {len(library)} stones")
     surrogate = Surrogate.fit(library) if surrogate is None else surrogate
@@ -201,9 +204,9 @@ def by_search(
             error = end.scatter / np.sqrt(end.seeds)
             chosen = _setting(end.recipe, end.mean, error, end.scatter, target)
     told("fresh seeds")
-    seeds, achieved, reached = _judged(chosen.recipe, target, evaluate, seed, fresh)
+    seeds, achieved, nearness = _judged(chosen.recipe, target, evaluate, seed, fresh)
     limits: tuple[Limit, ...] = ()
-    if not reached and not candidates[0].within:
+    if nearness == "missed" and not candidates[0].within:
         told("what stops it")
         limits = tuple(
             limits_of(
@@ -216,9 +219,10 @@ def by_search(
                 seeds=seeds,
             )
         )
-    verdict = _verdict(target, np.nanmean(achieved, axis=0), reached, limits, _WAY_OUT[refine])
-    return Design(target, "search", chosen.recipe, chosen, candidates, achieved, seeds, stones, refine, reached, limits,
-                  verdict)  # fmt: skip
+    verdict = _verdict(target, np.nanmean(achieved, axis=0), nearness, limits, _WAY_OUT[refine])
+    ranked = tuple(replace(one, mismatch=float(mismatch(one.mean[None], asked)[0])) for one in (chosen, *candidates))
+    return Design(asked, "search", chosen.recipe, ranked[0], ranked[1:], achieved, seeds, stones, refine,
+                  nearness == "reached", limits, verdict)  # fmt: skip
 
 
 def by_the_papers_route(
@@ -254,9 +258,10 @@ def by_the_papers_route(
     if not candidates:
         raise RecipeError("no point of the hypercube has a recipe that its mesh can follow; use more triangles.")
     chosen = candidates[0]
-    seeds, achieved, reached = _judged(chosen.recipe, target, evaluate, seed, fresh)
-    verdict = _verdict(target, np.nanmean(achieved, axis=0), reached, (), _ADDITIVE)
-    return Design(target, "paper", chosen.recipe, chosen, candidates, achieved, seeds, 0, False, reached, (), verdict)
+    seeds, achieved, nearness = _judged(chosen.recipe, target, evaluate, seed, fresh)
+    verdict = _verdict(target, np.nanmean(achieved, axis=0), nearness, (), _ADDITIVE)
+    return Design(target, "paper", chosen.recipe, chosen, candidates, achieved, seeds, 0, False, nearness == "reached",
+                  (), verdict)  # fmt: skip
 
 
 def _setting(recipe: Recipe, mean: np.ndarray, error: np.ndarray, scatter: np.ndarray, target: Target) -> Setting:
@@ -267,7 +272,7 @@ def _setting(recipe: Recipe, mean: np.ndarray, error: np.ndarray, scatter: np.nd
 
 def _judged(
     recipe: Recipe, target: Target, evaluate: Evaluate, seed: int, fresh: int
-) -> tuple[tuple[int, ...], np.ndarray, bool]:
+) -> tuple[tuple[int, ...], np.ndarray, Nearness]:
     if fresh < 2:
         raise RecipeError(f"expected at least 2 fresh stones, so that their scatter is known; got {fresh}.")
     seeds = fresh_seeds(seed, fresh)
@@ -277,15 +282,23 @@ def _judged(
         raise RecipeError("hardly a stone of the best setting has a sound mesh; use more triangles.")
     chance = _DOUBT * sound.std(axis=0, ddof=1) / np.sqrt(len(sound))
     wide = replace(target, tolerance=tuple(t + c for t, c in zip(target.tolerance, chance, strict=True)))
-    return seeds, achieved, bool(within(sound.mean(axis=0)[None], wide)[0])
+    mean = sound.mean(axis=0)[None]
+    if within(mean, target)[0]:
+        return seeds, achieved, "reached"
+    return seeds, achieved, "by chance" if within(mean, wide)[0] else "missed"
 
 
-def _verdict(target: Target, mean: np.ndarray, reached: bool, limits: tuple[Limit, ...], way_out: str) -> str:
-    if reached:
-        return "The target is reached: the mean of the fresh stones is within its tolerances, as far as they can tell."
+def _verdict(target: Target, mean: np.ndarray, nearness: Nearness, limits: tuple[Limit, ...], way_out: str) -> str:
+    if nearness == "reached":
+        return "The target is reached: the mean of the fresh stones is within its tolerances."
     named = ", ".join(
         f"{name}={value:.3f}" for name, value, asked in zip(FOUR, mean, target.asked, strict=True) if asked
     )
+    if nearness == "by chance":
+        return (
+            f"The fresh stones have {named}, which misses a tolerance by no more than their scatter explains: more of "
+            "them (--fresh) tell."
+        )
     if not limits:
         return f"The target is missed, the fresh stones have {named}: {way_out}"
     return f"The target cannot be reached here, the nearest is {named}; {stopped_by(list(limits))}"

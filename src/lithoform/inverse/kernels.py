@@ -116,6 +116,9 @@ def one_blas_thread() -> Iterator[None]:
 @lru_cache(maxsize=1)
 def _libraries() -> Any:
     """Those found once: to look for them takes longer than most of the products."""
+    # SciPy brings a BLAS of its own, which is not found before it is loaded.
+    import scipy.linalg
+    import scipy.optimize  # noqa: F401
     from threadpoolctl import ThreadpoolController
 
     return ThreadpoolController()

@@ -165,7 +165,8 @@ def write_library(library: DesignLibrary, path: str | Path) -> Path:
     table = pa.table(columns).replace_schema_metadata({_KEY: json.dumps(about).encode()})
     with atomic_path(path) as partial, partial.open("wb") as sink:
         pq.write_table(table, sink, compression="zstd", compression_level=9, use_dictionary=False,
-                       use_byte_stream_split=[name for name in columns if name != "number"])  # fmt: skip
+                       use_byte_stream_split=[name for name in columns if name != "number"],
+                       write_page_checksum=True)  # fmt: skip
     return Path(path)
 
 
@@ -182,7 +183,7 @@ def read_library(path: str | Path) -> DesignLibrary:
 
     try:
         with Path(path).open("rb") as stream:
-            table = pq.read_table(stream)
+            table = pq.read_table(stream, page_checksum_verification=True)
     except OSError as error:
         raise FileFormatError(f"{path} cannot be read: {error.strerror or 'it is no Parquet file'}.") from error
     except pa.ArrowException as error:
@@ -197,9 +198,18 @@ def read_library(path: str | Path) -> DesignLibrary:
 
 def _library_of(table: pa.Table) -> DesignLibrary:
     about = json.loads((table.schema.metadata or {}).get(_KEY, b"{}"))
+    if not isinstance(about, dict) or not isinstance(about.get("about", {}), dict):
+        raise ValueError("its metadata are no table")
     if about.get("format") != _FORMAT:
         raise ValueError(f"its format is {about.get('format')}, and this version reads {_FORMAT}")
     axes = tuple(Axis(*row) for row in about["axes"])
+    if len({axis.name for axis in axes}) < len(axes):
+        raise ValueError("an axis is there twice")
+    for row in about["about"].get("kernels", []):
+        scales = np.array(row["scales"], dtype=np.float64)
+        numbers = np.array([*scales, row["variance"], row["noise"]], dtype=np.float64)
+        if scales.shape != (len(axes),) or not (np.isfinite(numbers).all() and (numbers > 0.0).all()):
+            raise ValueError("its kernels are not of its axes")
     coordinates = np.stack([table[f"coordinate_{axis.name}"].to_numpy() for axis in axes], axis=1).astype(np.float64)
     descriptors = np.stack([table[name].to_numpy() for name in FOUR], axis=1).astype(np.float64)
     if not (np.isfinite(descriptors).all() and ((coordinates >= 0.0) & (coordinates <= 1.0)).all()):

@@ -19,6 +19,8 @@ DEFAULT_TOLERANCE: Final = 0.02
 """Of each descriptor: what the paper's own closed loop reaches at best (0.018 to 0.029)."""
 
 _DEFAULT_WEIGHT: Final = 1.0
+_LEAST_TOLERANCE: Final = 1e-6
+_MOST_WEIGHT: Final = 1e6
 _SYMBOLS: Final = {"R": "roundness", "B": "boxiness", "S3D": "solidity", "S_3D": "solidity", "TS": "true_sphericity"}
 _EXAMPLE: Final = "roundness=0.30,boxiness=0.42,solidity=0.90,true_sphericity=0.80"
 
@@ -66,10 +68,11 @@ class Target:
         for name, value, tolerance, weight in zip(FOUR, self.values, self.tolerance, weights, strict=True):
             if not math.isnan(value) and not 0.0 < value <= 1.0:
                 raise TargetError(f"{name} is above 0 and at most 1 for every body; got {value:g}.")
-            if not 0.0 < tolerance < math.inf:
-                raise TargetError(f"the tolerance of {name} must be a number above 0; got {tolerance:g}.")
-            if not 0.0 <= weight < math.inf:
-                raise TargetError(f"the weight of {name} must be a number of at least 0; got {weight:g}.")
+            if not _LEAST_TOLERANCE <= tolerance <= 1.0:
+                raise TargetError(f"the tolerance of {name} must be {_LEAST_TOLERANCE:g} to 1; got {tolerance:g}.")
+            if weight != 0.0 and not 1.0 / _MOST_WEIGHT <= weight <= _MOST_WEIGHT:
+                raise TargetError(f"the weight of {name} must be 0, or {1.0 / _MOST_WEIGHT:g} to {_MOST_WEIGHT:g}; got "
+                                  f"{weight:g}.")  # fmt: skip
         if not any(weights):
             raise TargetError(f"a target asks for at least one descriptor with a weight above 0, such as {_EXAMPLE}.")
         boxiness, solidity = self.values[1], self.values[2]
@@ -88,6 +91,11 @@ class Target:
         """Value, tolerance and weight of the descriptors that are asked for."""
         rows = zip(FOUR, self.values, self.tolerance, self.weights, strict=True)
         return {n: {"value": v, "tolerance": t, "weight": w} for n, v, t, w in rows if w > 0.0}
+
+    def normalised(self) -> Target:
+        """The same with a largest weight of 1: what is best does not depend on the unit of the weights."""
+        largest = max(self.weights)
+        return Target(self.values, self.tolerance, tuple(w / largest for w in self.weights))  # type: ignore[arg-type]
 
     def without(self, descriptor: int) -> Target:
         """The same, not asking for one descriptor."""

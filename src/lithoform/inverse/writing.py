@@ -5,9 +5,12 @@ from __future__ import annotations
 import csv
 import io
 import json
+import re
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Final
+
+import numpy as np
 
 from lithoform.atomic import atomic_write, make_folder, remove_partials
 from lithoform.descriptors.table import FOUR
@@ -25,10 +28,11 @@ NUMBERS_FILE: Final = "design.json"
 RECIPE_FILE: Final = "recipe.toml"
 CANDIDATES_FILE: Final = "candidates.csv"
 PICTURE_FILE: Final = "design.png"
+_OWN_FILE: Final = re.compile(r"recipe\.toml|candidates\.csv|design\.(json|png)|\d{6,}\.(stl|json)", re.ASCII)
 
 
-def prepare_folder(out: Path, *, overwrite: bool) -> None:
-    """Make a folder ready for a design, before the work; only files of a former design are ever removed.
+def prepare_folder(out: Path, *, overwrite: bool, remove: bool = True) -> None:
+    """Make a folder ready for a design; only files of a former design are ever removed, and only if `remove` is on.
 
     Raises
     ------
@@ -42,8 +46,9 @@ def prepare_folder(out: Path, *, overwrite: bool) -> None:
         if content and not (own and overwrite):
             held, way = ("a design", ", or give --overwrite") if own else ("other files", "")
             raise OutputError(f"the folder {out} is not empty, it holds {held}: choose another{way}.")
-        for name in sorted(own & content):
-            (out / name).unlink()
+        if remove:
+            for name in sorted(own & content):
+                (out / name).unlink()
     except OutputError:
         raise
     except OSError as error:
@@ -94,7 +99,8 @@ def candidates_csv(candidates: Iterable[Setting]) -> bytes:
     for rank, one in enumerate(candidates, start=1):
         row: dict[str, Any] = {"rank": rank, "mismatch": one.mismatch, "within": one.within}
         for what, values in (("", one.mean), ("_error", one.error), ("_scatter", one.scatter)):
-            row |= {f"{name}{what}": float(value) for name, value in zip(FOUR, values, strict=True)}
+            told = (float(value) if np.isfinite(value) else "" for value in values)
+            row |= {f"{name}{what}": value for name, value in zip(FOUR, told, strict=True)}
         rows.append(row | one.recipe.as_dict())
     out = io.StringIO()
     writer = csv.DictWriter(out, fieldnames=list(rows[0]), lineterminator="\n")
@@ -106,11 +112,13 @@ def candidates_csv(candidates: Iterable[Setting]) -> bytes:
 def _files_of_former(out: Path) -> set[str]:
     """Names that a former design recorded; empty if there is none."""
     try:
-        files = json.loads((out / NUMBERS_FILE).read_bytes())["files"]
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        former = json.loads((out / NUMBERS_FILE).read_bytes())
+        files = former["files"] if {"route", "recipe"} <= former.keys() else []
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return set()
-    plain = {str(name) for name in files if Path(str(name)).name == name} if isinstance(files, list) else set()
-    return plain | {NUMBERS_FILE}
+    # Whatever such a file says, nothing else than what a design writes is ever removed.
+    own = {str(name) for name in files if _OWN_FILE.fullmatch(str(name))} if isinstance(files, list) else set()
+    return own | {NUMBERS_FILE} if own else set()
 
 
 def _json(value: Any) -> bytes:

@@ -96,9 +96,7 @@ class Design:
         """
         if self.seeds < 1 or self.point_count < 1:
             raise RecipeError(f"expected at least 1 point and 1 seed; got {self.point_count} and {self.seeds}.")
-        if self.count > _MOST_PARTICLES:
-            raise RecipeError(f"expected at most {_MOST_PARTICLES:,} particles; got {self.count:,}: take fewer points "
-                              "or seeds.")  # fmt: skip
+        _require_count(self.count)
         if not 0 <= self.seed <= MAX_SEED:
             raise RecipeError(f"the seed must be 0 to {MAX_SEED}; got {self.seed}.")
 
@@ -312,6 +310,7 @@ def morris_trajectories(axes: tuple[Axis, ...], *, trajectories: int, levels: in
         raise RecipeError("expected at least 2 trajectories and an even number of levels of at least 4; got "
                           f"{trajectories} and {levels}.")  # fmt: skip
     _require_axes(axes)
+    _require_count(trajectories * (len(axes) + 1) * seeds)
     found = morris.sample(unit_problem(axes), trajectories, num_levels=levels, seed=np.random.default_rng(seed))
     found = np.clip(found, 0.0, 1.0)  # of steps that add up to 1 but for rounding
     options = {"trajectories": trajectories, "levels": levels}
@@ -349,6 +348,7 @@ def saltelli_sample(axes: tuple[Axis, ...], *, samples: int, seed: int = 0, seed
 
     _require_power(samples, 4)
     _require_axes(axes)
+    _require_count(samples * (len(axes) + 2) * seeds)
     found = sobol.sample(unit_problem(axes), samples, calc_second_order=False, seed=np.random.default_rng(seed))
     return Points(base=base or benchmark_recipe(), seeds=seeds, seed=seed, axes=axes, coordinates=found, kind="sobol",
                   options={"samples": samples})  # fmt: skip
@@ -367,6 +367,11 @@ def _require_axes(axes: tuple[Axis, ...]) -> None:
     names = [axis.name for axis in axes]
     if not names or len(set(names)) < len(names):
         raise RecipeError(f"expected one or more axes, each once; got {', '.join(names) or 'none'}.")
+
+
+def _require_count(count: int) -> None:
+    if count > _MOST_PARTICLES:
+        raise RecipeError(f"expected at most {_MOST_PARTICLES:,} particles; got {count:,}: take fewer points or seeds.")
 
 
 def _require_power(n: int, least: int = 1) -> None:

@@ -125,6 +125,7 @@ window.dash_clientside = window.dash_clientside || {};
   function connectTabs() {
     for (const tab of tabs()) tab.addEventListener("click", () => lithoform.open(tab.id.slice(4)));
     document.querySelector("[role=tablist]").addEventListener("keydown", (event) => {
+      if (event.ctrlKey || event.altKey || event.metaKey) return;  // the browser's own
       const all = tabs(), here = all.indexOf(document.activeElement);
       const next = { ArrowRight: here + 1, ArrowLeft: here - 1, Home: 0, End: all.length - 1 }[event.key];
       if (here < 0 || next === undefined) return;
@@ -179,6 +180,13 @@ window.dash_clientside = window.dash_clientside || {};
     || (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
   // At once, so that nothing flashes up in the other.
   document.documentElement.dataset.theme = themeNow();
+
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
+    if (localStorage.getItem("lithoform-theme")) return;
+    document.documentElement.dataset.theme = themeNow();
+    $("theme-button").textContent = themeNow() === "dark" ? "Light" : "Dark";
+    dash_clientside.set_props("theme", { data: themeNow() });
+  });
 
   window.dash_clientside.explorer = {
     start: () => {

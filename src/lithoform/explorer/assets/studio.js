@@ -23,8 +23,11 @@ window.lithoform = window.lithoform || {};
       "aria-label": `${control.name.replaceAll("_", " ")}, number` });
     if (control.whole && control.scale === "linear") range.max = String(control.high - control.low);
     range.addEventListener("input", () => {
-      const value = up(low + width * range.value / range.max);
-      set(control.whole ? Math.round(value) : Number(short(value)));
+      const value = up(low + width * range.value / range.max), now = recipe[control.name];
+      if (!control.whole) { set(Number(short(value))); return; }
+      // A step of the slider may be less than one: it is one then, in the direction of the move.
+      const whole = Math.round(value), up_or_down = Math.sign(value - now);
+      set(whole === now ? Math.min(Math.max(now + up_or_down, control.low), control.high) : whole);
     });
     field.addEventListener("change", () => set(field.value === "" ? recipe[control.name] : Number(field.value)));
     return {
@@ -147,6 +150,8 @@ window.lithoform = window.lithoform || {};
   // One of L >= W >= H moves the others where it must.
   function ordered(next, name) {
     const [length, width, height] = about.sizes;
+    // A size that no stone has is refused as it is, and must not spoil the others.
+    if (!(next[name] > 0)) return next;
     if (name === length) { next[width] = Math.min(next[width], next[length]); }
     if (name === height) { next[width] = Math.max(next[width], next[height]); }
     if (about.sizes.includes(name)) {
@@ -255,7 +260,10 @@ window.lithoform = window.lithoform || {};
     recipe = about.benchmark;
     const found = link.length > 1 ? await lithoform.ask("recipe", { link }, {
       told: (text) => lithoform.notice(`This link was refused: ${text} The benchmark is shown.`) }) : null;
-    if (found) [recipe, lithoform.link] = [found.recipe, found.link];
+    if (found) {
+      [recipe, lithoform.link] = [found.recipe, found.link];
+      lithoform.remember();
+    }
     show();
     lithoform.studioIsReady = true;
     if (lithoform.tab === "studio") redraw(0);

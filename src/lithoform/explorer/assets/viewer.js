@@ -174,6 +174,7 @@ window.lithoform = window.lithoform || {};
     const steps = { ArrowLeft: [0.1, 0, 1], ArrowRight: [-0.1, 0, 1], ArrowUp: [0, 0.1, 1], ArrowDown: [0, -0.1, 1],
       "+": [0, 0, 1.1], "=": [0, 0, 1.1], "-": [0, 0, 1 / 1.1] };
     canvas.addEventListener("keydown", (event) => {
+      if (event.ctrlKey || event.altKey || event.metaKey) return;  // the browser's own
       if (event.key === "0") view.pose = { ...HOME };
       else if (!steps[event.key]) return;
       event.preventDefault();
