@@ -165,6 +165,9 @@ def test_jobs_are_taken_as_they_are_needed(workers):
 def test_what_the_workers_are_asked_for_is_checked(tmp_path, monkeypatch):
     with pytest.raises(RecipeError, match="--workers of at least 0"):
         spread(double, [1], workers=-1)
+    with pytest.raises(RecipeError, match="--workers of at least 0"):
+        next(build(tmp_path / "db", plan(4), workers=-1))
+    assert not (tmp_path / "db").exists()  # refused before anything is made
     with pytest.raises(RecipeError, match="not with --scheduler"):
         spread(double, [1], workers=2, scheduler="tcp://127.0.0.1:1")
     monkeypatch.setattr("lithoform.database.engine._PATIENCE", 1.0)

@@ -18,6 +18,7 @@ import lithoform
 from lithoform import DESCRIPTORS, FileFormatError, OutputError, Recipe, generate, measure
 from lithoform.database.building import Measures, build
 from lithoform.database.schema import particle_schema, recipe_of
+from lithoform.database.sources import differing_settings
 from lithoform.database.store import MANIFEST, Store, new_source
 from lithoform.locking import folder_lock
 from lithoform.planning import Plan
@@ -77,6 +78,10 @@ def test_a_source_with_other_settings_is_refused_and_nothing_is_changed(tmp_path
     other = Plan(count=30, seed=2, preset="database", shape_class="mixed", base={"triangles": 128})
     with pytest.raises(OutputError, match=r"other settings \(seed differ\).*another --source"):
         [*build(tmp_path / "db", other, MEASURES, workers=0)]
+    with pytest.raises(OutputError) as told:  # of a caller whose user names no source
+        [*build(tmp_path / "db", other, MEASURES, is_named=False, workers=0)]
+    assert "or another folder for the new particles" in str(told.value)
+    assert "--source" not in str(told.value)
     with pytest.raises(OutputError, match=r"\(count differ\)"):
         [*build(tmp_path / "db", plan(31), MEASURES, workers=0)]
     with pytest.raises(OutputError, match="other settings"):
@@ -86,6 +91,21 @@ def test_a_source_with_other_settings_is_refused_and_nothing_is_changed(tmp_path
     with pytest.raises(OutputError, match="in case alone"):  # one file on a disk that folds case
         [*build(tmp_path / "db", plan(30), MEASURES, workers=0, source="Generated")]
     assert {p: p.read_bytes() for p in (tmp_path / "db").rglob("*") if p.is_file()} == before
+
+
+def test_settings_that_differ_are_told_by_the_names_under_which_they_were_given():
+    base = {"triangles": 128, "seed": 0}
+
+    def of(**plan):
+        return new_source("a", "generated", 1000, batch=25, keeps_meshes=False, plan={"seed": 1, "base": base, **plan})
+
+    assert differing_settings(of(), of()) == []
+    assert differing_settings(of(), of(base={**base, "triangles": 500})) == ["triangles"]
+    assert differing_settings(of(), of(base={**base, "seed": 5})) == ["base seed"]
+    assert differing_settings(of(), of(levels=4)) == ["levels"]
+    # What follows from other settings is told only where it is all that differs.
+    assert differing_settings(of(levels=4, points_sha256="a"), of(levels=6, points_sha256="b")) == ["levels"]
+    assert differing_settings(of(points_sha256="a"), of(points_sha256="b")) == ["points"]
 
 
 def test_another_version_may_not_go_on_with_a_source(tmp_path):

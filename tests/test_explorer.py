@@ -7,12 +7,15 @@ import dataclasses
 import hashlib
 import json
 import math
+import os
+import shutil
 import signal
 import socket
 import subprocess
 import sys
 import threading
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -27,10 +30,12 @@ from lithoform.errors import LithoformError, MeshError
 from lithoform.explorer.controls import controls
 from lithoform.explorer.design import DesignSpace, Filter, target_of
 from lithoform.explorer.figures import Sample, cloud, distributions, encoded
+from lithoform.explorer.layout import population_panel
 from lithoform.explorer.populations import PAGE, Percentiles, Shelf
 from lithoform.explorer.state import MAX_TRIANGLES, from_page, link_of, preset_recipe, recipe_of_link, to_page
 from lithoform.explorer.stones import Stone, pack, unpack
 from lithoform.explorer.turns import SupersededError, Turns
+from lithoform.inverse.surrogate import Surrogate
 from lithoform.parameters import CHOICES, PARAMETERS
 from lithoform.presets import SHAPE_CLASSES, shape_class_of
 from lithoform.recipe_io import read_recipe
@@ -39,6 +44,7 @@ from lithoform.soundness import check
 
 pytest.importorskip("dash", reason="the explorer needs Dash")
 
+ROOT = Path(__file__).resolve().parent.parent
 TARGET = target_of((0.3, 0.42, 0.9, 0.8), (0.02,) * 4, (1.0,) * 4)
 
 
@@ -127,6 +133,7 @@ def test_a_link_tells_only_what_differs_from_the_benchmark():
         ("seed=" + "9" * 30, "seed"),
         ("N_t=8000000", "at most 200,000 triangles"),
         ("N_t=1281", "nearest counts"),
+        ("N_t=200000&n_s=1000", "in at most 250 steps; got 1,000: take fewer"),
         ("W=9", "order L >= W >= H"),
         ("a=0,0,0", "must be a direction"),
         ("delta=1,2", "phase_offset"),
@@ -248,6 +255,43 @@ def test_work_that_waits_leaves_when_it_is_overtaken_and_when_the_server_stops()
     assert turns.stop(patience=0.05)
 
 
+def test_only_the_request_that_fits_the_prediction_holds_a_place_for_work(library, monkeypatch):
+    space, turns = DesignSpace(library), Turns(2)
+    started, go_on, told = threading.Event(), threading.Event(), []
+    whole = Surrogate.fit
+
+    def slow(given):
+        started.set()
+        assert go_on.wait(30.0)
+        return whole(given)
+
+    monkeypatch.setattr(Surrogate, "fit", slow)
+
+    def predict(page):
+        try:
+            told.append(space.predicted(3, turns.enter(page, "space", 1)))
+        except SupersededError:
+            told.append("overtaken")
+
+    pages = [threading.Thread(target=predict, args=(page,)) for page in "abc"]
+    for page in pages:
+        page.start()
+        started.wait(30.0)
+    time.sleep(0.1)
+    try:
+        assert turns.working == 1
+        with turns.enter("d", "studio", 1).working():  # the other place is free
+            assert turns.working == 2
+        turns.close("c")
+        pages[2].join(5.0)
+        assert told == ["overtaken"]  # one that waits for the fit leaves at once
+    finally:
+        go_on.set()
+        for page in pages:
+            page.join(30.0)
+    assert told[1] == told[2] == space.predicted(3)
+
+
 # ------------------------------------------------------------------------------------------------ percentiles, stones
 
 
@@ -338,6 +382,9 @@ def test_the_cloud_holds_the_points_and_the_target_where_it_has_a_place(space, l
     stones = [measure(generate(benchmark_recipe(triangles=TRIANGLES, seed=seed)), "roundness") for seed in range(5)]
     assert baseline["x"][0] == pytest.approx(np.mean([stone["roundness"] for stone in stones]))
     with_parameter = cloud(space, ("roundness", "perturbation", "E"), TARGET, indices, best, theme="dark")
+    # Their names are above the points, which may hide the marks.
+    named = [[note["text"] for note in shown["layout"]["scene"]["annotations"]] for shown in (figure, with_parameter)]
+    assert named == [["target", "baseline"], ["baseline"]]
     assert [trace["name"] for trace in with_parameter["data"]] == ["designs", "best 2", "baseline"]
     assert with_parameter["data"][2]["y"] == [0.3]
     assert cloud(space, FOUR[:3], TARGET, indices[:0], best[:0], theme="dark")["data"][0]["x"]["bdata"] == ""
@@ -390,6 +437,37 @@ def test_sources_are_known_by_name_and_nothing_else_is_read(folder, tmp_path):
         Shelf(tmp_path / "nowhere")
     (tmp_path / "b").symlink_to(folder)
     assert list(Shelf(tmp_path).sources) == ["b/first", "b/second"]
+
+
+def test_a_damaged_database_among_others_is_left_out_and_told(folder, tmp_path, capsys, monkeypatch):
+    from lithoform.cli import exploring
+    from lithoform.explorer import serving
+    from lithoform.explorer.app import make_app
+
+    for name in ("whole", "manifest", "rows"):
+        shutil.copytree(folder, tmp_path / name)
+    (tmp_path / "manifest" / "database.json").write_text("{")
+    batch = next((tmp_path / "rows" / "particles").iterdir())
+    batch.write_bytes(batch.read_bytes()[:200])
+    shelf = Shelf(tmp_path)
+    assert list(shelf.sources) == ["whole/first", "whole/second"]
+    assert "is truncated or damaged" in shelf.left_out["manifest"]
+    assert "is damaged" in shelf.left_out["rows"]
+    assert shelf.percentiles().columns["roundness"].size == 38  # of what is left, each stone once
+    panel = str(population_panel(shelf))
+    assert "manifest is left out: " in panel
+    assert "rows is left out: " in panel
+    assert make_app(tmp_path).context.percentiles.label == tmp_path.name
+    monkeypatch.setattr(serving, "serve", lambda *_: True)
+    assert exploring.explore(tmp_path, port=0) == 0
+    said = capsys.readouterr().err.splitlines()
+    assert [line.partition(" is left out: ")[0] for line in said] == [
+        "lithoform: warning: the database manifest", "lithoform: warning: the database rows"
+    ]  # fmt: skip
+    # Where nothing is left, the reason is told.
+    shutil.rmtree(tmp_path / "whole")
+    with pytest.raises(FileFormatError, match="damaged"):
+        Shelf(tmp_path)
 
 
 def test_a_sheet_lists_the_stones_of_a_class_page_by_page(folder):
@@ -500,6 +578,8 @@ def test_a_stone_is_answered_with_its_descriptors_and_percentiles(client, folder
     assert told["percentiles"]["roundness"] == pytest.approx(share)
     assert ask(client, "stone", turn=0, recipe=to_page(recipe)) == {"superseded": True}
     assert "at most 200,000" in ask(client, "stone", turn=2, recipe={"triangles": 204_800})["error"]
+    smoothed = to_page(benchmark_recipe(triangles=100_352, smoothing_iterations=499))
+    assert "smooths 100,352 triangles in at most 498 steps" in ask(client, "stone", turn=2, recipe=smoothed)["error"]
     ask(client, "close")
     assert ask(client, "stone", turn=3, recipe=to_page(recipe)) == {"superseded": True}
 
@@ -553,6 +633,16 @@ def test_the_page_works_without_a_library_and_without_a_database():
     assert "no database" in ask(client, "sheet", source="first")["error"]
 
 
+def test_without_a_database_percentiles_are_of_the_library_and_say_so(library):
+    from lithoform.explorer.app import make_app
+
+    client = make_app(library=library).server.test_client()
+    assert ask(client, "start")["population"] == "the design library"
+    told, *_ = ask(client, "stone", turn=1, recipe=to_page(benchmark_recipe(triangles=500)))
+    below = (library.descriptors[:, 0] < told["descriptors"]["roundness"]).mean()
+    assert told["percentiles"]["roundness"] == pytest.approx(100.0 * below)
+
+
 # ------------------------------------------------------------------------------------------------ the server
 
 _EXPLORE = "import sys; from lithoform.cli.exploring import explore; sys.exit(explore(port=0))"
@@ -588,3 +678,20 @@ def test_a_port_in_use_and_a_wrong_host_are_told():
         bind("127.0.0.1", 70_000)
     with pytest.raises(OutputError, match="--host"):
         bind("no such host", 0)
+
+
+@pytest.mark.parametrize("named", [None, "elsewhere"])
+def test_the_checks_of_a_change_keep_the_screenshots(named, tmp_path):
+    (tmp_path / "make").write_text('#!/bin/sh\necho "$* $LITHOFORM_ARTEFACTS"\n')
+    (tmp_path / "make").chmod(0o755)
+    outer = {name: value for name, value in os.environ.items() if name != "LITHOFORM_ARTEFACTS"}
+    given = {} if named is None else {"LITHOFORM_ARTEFACTS": named}
+    path = f"{tmp_path}{os.pathsep}{os.environ['PATH']}"
+    script = ROOT / ".ci" / "run"
+    if not script.exists():
+        pytest.skip("an archive of the sources without .ci")
+    said = subprocess.run(
+        ["bash", script], env={**outer, **given, "PATH": path}, cwd="/", check=True, capture_output=True, text=True
+    ).stdout
+    assert said == f"test {named or ROOT / 'build' / 'artefacts'}\n"
+    assert "build/" in (ROOT / ".gitignore").read_text().split()

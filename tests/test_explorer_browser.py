@@ -228,6 +228,36 @@ def test_dimensions_keep_their_order_and_undo_and_redo_go_through_the_changes(op
     assert stone_of(page) == second
 
 
+def test_what_was_refused_is_not_the_base_of_the_next_change(opened):
+    page = opened("tab=studio&N_t=320&k=0.25")
+    first = stone_of(page)
+    page.evaluate("document.querySelectorAll('#studio-controls details').forEach((d) => { d.open = true; })")
+    page.locator("#field-perturbation").fill("7")
+    page.keyboard.press("Tab")
+    page.wait_for_selector("#studio-told.refused")
+    assert page.locator("#field-perturbation").input_value() == "7"  # with the reason beside it
+    page.locator("#field-gain").fill("0.3")
+    page.keyboard.press("Tab")
+    second = next_stone(page, first)
+    recipe = recipe_of_link(page.url.partition("?")[2])
+    assert (recipe.perturbation, recipe.gain) == (0.25, 0.3)
+    assert page.locator("#field-perturbation").input_value() == "0.25"
+    # Nor is it a step of the history.
+    page.locator("#undo").click()
+    assert next_stone(page, second) == first
+    assert page.locator("#undo").is_disabled()
+    page.locator("#field-phase_offset-x").fill("99")
+    page.keyboard.press("Tab")
+    page.wait_for_selector("#studio-told.refused")
+    page.locator("#field-phase_offset-y").fill("1")
+    page.keyboard.press("Tab")
+    next_stone(page, first)
+    assert recipe_of_link(page.url.partition("?")[2]).phase_offset == (0.0, 1.0, 0.0)
+    page.locator("#field-twist_axis-x").fill("0.5")
+    page.keyboard.press("Tab")
+    page.wait_for_selector("#studio-told:not(.refused)")
+
+
 def test_a_slider_that_is_drawn_along_ends_with_its_last_value(opened):
     page = opened("tab=studio&N_t=1280")
     before = stone_of(page)
@@ -502,6 +532,29 @@ def test_every_tab_fits_a_laptop_in_light_and_dark(theme, opened, pictures):
     page.reload()
     page.wait_for_selector("#studio-controls details", state="attached")
     assert page.evaluate("document.documentElement.dataset.theme") == other
+
+
+@pytest.mark.parametrize(("width", "height"), [(1024, 700), (800, 700)])
+def test_a_small_window_leaves_the_cloud_its_room(width, height, opened, pictures):
+    page = opened()
+    page.set_viewport_size({"width": width, "height": height})
+    page.wait_for_selector("#candidates button")
+    page.locator("#candidates button").first.click()
+    page.wait_for_selector("#space-numbers th:has-text('predicted')")
+    page.wait_for_timeout(300)
+    page.screenshot(path=pictures / f"space-{width}.png")
+    graph = page.locator("#cloud").bounding_box()
+    # Plotly fits a scene to the height, so that one that is higher than wide is cut at its sides.
+    assert graph["width"] > 1.2 * graph["height"]
+    assert graph["height"] > 300
+    for name in ("space", "studio", "population"):
+        page.locator(f"#tab-{name}").click()
+        page.wait_for_selector(f"#panel-{name} .beside", state="attached")
+        too_wide = page.evaluate("""() => [document.documentElement, ...document.querySelectorAll("aside, .beside > *")]
+          .filter((e) => e.scrollWidth > e.clientWidth + 1 && e.clientWidth).map((e) => e.id || e.className)""")
+        assert too_wide == []
+        page.wait_for_timeout(200)
+        page.screenshot(path=pictures / f"{name}-{width}.png")
 
 
 def test_a_stone_of_20000_triangles_is_redrawn_soon_after_a_change(opened):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import tomllib
 from pathlib import Path
@@ -9,12 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lithoform import generate, measure
+from lithoform import Recipe, generate, measure
 from lithoform.cli.designing import design
 from lithoform.descriptors.table import FOUR
 from lithoform.errors import FileFormatError, OutputError, RecipeError
 from lithoform.figures.design import ClosedLoop, closed_loop_figure, loop_errors_figure
-from lithoform.inverse.targets import TargetError
+from lithoform.inverse.design import Design, Setting, as_dict
+from lithoform.inverse.targets import TargetError, parse_target
+from lithoform.inverse.writing import prepare_folder, write_design
 from lithoform.mesh_io import read_mesh
 from lithoform.recipe_io import from_dict, read_recipe
 from lithoform.soundness import check
@@ -127,6 +130,58 @@ def test_a_wrong_request_is_refused_in_a_sentence(tmp_path, words, kind, told):
 def test_a_library_is_not_written_into_its_database(tmp_path):
     with pytest.raises(OutputError, match="another place"):
         run("library", "build", str(tmp_path / "stones"), "--out", str(tmp_path / "stones" / "x.parquet"))
+
+
+def test_workers_that_there_cannot_be_are_refused_before_anything_is_made(tmp_path):
+    with pytest.raises(RecipeError, match="--workers of at least 0"):
+        run("library", "build", str(tmp_path / "s"), "--out", str(tmp_path / "x.parquet"), "--workers", "-1")
+    assert [*tmp_path.iterdir()] == []
+
+
+def test_an_interrupted_library_says_so_once_and_goes_on(tmp_path, monkeypatch, capsys):
+    from lithoform import progress
+    from lithoform.cli import main
+
+    def stopped(items, **_):
+        yield from itertools.islice(items, 30)
+        raise KeyboardInterrupt
+
+    words = ["library", "build", str(tmp_path / "s"), "--out", str(tmp_path / "x.parquet"), "--count", "200",
+             "--triangles", str(TRIANGLES), "--workers", "0"]  # fmt: skip
+    with monkeypatch.context() as patch:
+        patch.setattr(progress, "track", stopped)
+        with pytest.raises(SystemExit) as end:
+            main(["design", *words])
+    said = capsys.readouterr().err
+    assert end.value.code == 130
+    assert said == f"lithoform: interrupted; {tmp_path / 's'} holds 30 of 200 stones: the same command goes on.\n"
+    assert [path.name for path in tmp_path.iterdir()] == ["s"]
+    assert run(*words) == 0
+
+
+def test_stones_that_were_not_measured_are_neither_counted_nor_written(tmp_path):
+    recipe = Recipe(triangles=TRIANGLES)
+    setting = Setting(recipe, np.full(4, 0.5), np.full(4, 0.1), np.full(4, 0.1), 1.0, within=False)
+    achieved = np.array([[np.nan] * 4, [0.3, 0.4, 0.9, 0.8], [np.nan] * 4, [0.5, 0.4, 0.9, 0.8]])
+    found = Design(parse_target("R=0.4"), "search", recipe, setting, (setting,), achieved, (11, 12, 13, 14), 0,
+                   refined=False, reached=True, limits=(), verdict="")  # fmt: skip
+    told = as_dict(found)
+    assert told["achieved"]["stones"] == 2
+    assert told["achieved"]["mean"]["roundness"] == pytest.approx(0.4)
+    prepare_folder(tmp_path / "d", overwrite=False)
+    assert len(write_design(found, tmp_path / "d", stones=3, picture=False)) == 2
+    seeds = [json.loads((tmp_path / "d" / f"00000{n}.json").read_text())["seed"] for n in (1, 2)]
+    assert seeds == [12, 14]
+    assert "000003.stl" not in json.loads((tmp_path / "d" / "design.json").read_text())["files"]
+    # A run that was killed between the stones leaves a folder of which the next says so.
+    (tmp_path / "d" / "000002.stl").unlink()
+    (tmp_path / "d" / "000002.json").unlink()
+    with pytest.raises(
+        OutputError, match=r"stopped before it was finished \(2 of its 7 files are missing\): give --overw"
+    ):
+        prepare_folder(tmp_path / "d", overwrite=False)
+    prepare_folder(tmp_path / "d", overwrite=True)
+    assert [*(tmp_path / "d").iterdir()] == []
 
 
 def test_a_library_does_not_take_the_place_of_another_file(tmp_path):

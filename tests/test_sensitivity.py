@@ -287,6 +287,40 @@ def test_a_claim_on_a_curve_made_by_hand(curve, kind, held):
     assert one(sweep_by_hand({**LARGE, "gain": curve}), parameter="gain", **kind) is held
 
 
+@pytest.mark.parametrize("end", [0, -1])
+def test_a_threshold_with_too_few_points_on_one_side_does_not_hold(end):
+    # Two points, one of which is the threshold: nothing is known of what lies before, or after.
+    whole = sweep_by_hand({**LARGE, "gain": lambda g: 0.5 - 0.5 * g})
+    gain = next(i for i, axis in enumerate(TABLE_7) if axis.name == "gain")
+    ends = replace(
+        whole,
+        values=tuple(v[[0, -1]] for v in whole.values),
+        responses=tuple(r[[0, -1]] for r in whole.responses),
+    )
+    at = float(ends.values[gain][end])
+    claim = Claim(parameter="gain", descriptor="roundness", text="", kind="threshold", at=at)
+    (found,) = trends(ends, [claim])
+    assert not found.held
+    assert found.found.startswith("expected at least 2 points with stones")
+
+
+def test_a_parameter_without_a_stone_takes_no_part_in_what_is_said_of_all():
+    whole = sweep_by_hand(LARGE)
+    gone = next(i for i, axis in enumerate(TABLE_7) if axis.name == "gain")
+    sparse = replace(
+        whole, responses=tuple(np.full_like(r, np.nan) if i == gone else r for i, r in enumerate(whole.responses))
+    )
+    assert np.isnan(sparse.curves.ranges[gone]).all()
+    assert one(sparse, parameter="perturbation", kind="strongest")
+    (told,) = trends(sparse, [Claim(parameter=ALL, descriptor="roundness", text="", kind="most")])
+    assert f"of {len(TABLE_7) - 1} parameters" in told.found
+    (told,) = trends(sparse, [Claim(parameter="gain", descriptor="roundness", text="", kind="falls")])
+    assert (told.held, told.found) == (False, "only 0 points with stones")
+    nothing = replace(whole, responses=tuple(np.full_like(r, np.nan) for r in whole.responses))
+    with pytest.raises(SampleError, match="use more triangles"):
+        trends(nothing)
+
+
 def test_the_strongest_parameter_and_the_order_of_the_descriptors():
     sweep = sweep_by_hand(LARGE, noise=0.0)
     assert one(sweep, parameter="perturbation", kind="strongest")

@@ -7,6 +7,7 @@ import functools
 import io
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -89,6 +90,25 @@ def test_a_sweep_tells_its_effects_its_trends_and_what_it_left_out(call, tmp_pat
         call("oat", "sweep", "--seeds", "3")
 
 
+def test_a_mean_without_a_stone_is_null_in_json(call, monkeypatch):
+    from lithoform.sensitivity import oat
+
+    def sparse(design, responses):
+        found = oat_sweep(design, responses)
+        first = np.full_like(found.responses[0], np.nan)
+        return replace(found, responses=(first, *found.responses[1:]), baseline=np.full_like(found.baseline, np.nan))
+
+    oat_sweep = oat.sweep_of
+    monkeypatch.setattr(oat, "sweep_of", sparse)
+    monkeypatch.setattr(figures, "curves_picture", lambda *_: b"")
+    status, out, _ = call("oat", "sweep", "--points", "2", "--seeds", "1", *COARSE, "--json")
+    told = json.loads(out, parse_constant=lambda word: pytest.fail(f"{word} is no JSON"))
+    assert status == 0
+    assert told["baseline"] == dict.fromkeys(FOUR)
+    assert told["ranges"]["base_radius"] == dict.fromkeys(FOUR)
+    assert told["ranges"]["gain"]["roundness"] >= 0.0
+
+
 def test_screening_and_shares_stand_beside_each_other_in_one_folder(call, tmp_path):
     options = ("--triangles", "1280", "--workers", "0", "--seeds", "1", "--json")
     status, out, _ = call("morris", "study", "--trajectories", "2", *options)
@@ -107,6 +127,11 @@ def test_screening_and_shares_stand_beside_each_other_in_one_folder(call, tmp_pa
     for entry in told["shares"].values():
         assert entry["total"]["solidity"] >= 0.0
         assert entry["total_low"]["solidity"] <= entry["total_high"]["solidity"]
+    with pytest.raises(OutputError) as refused:
+        call("morris", "study", "--trajectories", "3", *options)
+    assert "(count, trajectories differ)" in str(refused.value)
+    assert "or another folder for" in str(refused.value)
+    assert "--source" not in str(refused.value)
     for name in ("morris", "sobol"):
         assert (tmp_path / "study" / f"{name}.png").read_bytes()[:4] == b"\x89PNG"
     status, out, _ = call("sobol", "study")
@@ -132,6 +157,9 @@ def test_left_out_blocks_are_told(call):
         (("morris", "out", "--levels", "5"), "even number"),
         (("sobol", "out", "--samples", "100"), "power of two"),
         (("oat", "out", "--triangles", "100"), "nearest counts"),
+        (("oat", "out", "--workers", "-1"), "--workers of at least 0"),
+        (("morris", "out", "--workers", "-1"), "--workers of at least 0"),
+        (("sobol", "out", "--workers", "-1"), "--workers of at least 0"),
     ],
 )
 def test_options_that_make_no_sense_are_refused_before_any_work(call, tmp_path, arguments, told):

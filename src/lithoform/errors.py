@@ -15,6 +15,8 @@ __all__ = [
     "OutputError",
     "RecipeError",
     "SampleError",
+    "SceneError",
+    "SimulationError",
     "UnsoundMeshError",
 ]
 
@@ -58,6 +60,27 @@ class SampleError(LithoformError, ValueError):
 
 class OutputError(LithoformError, OSError):
     """Results cannot be written where they were asked for."""
+
+
+class SceneError(LithoformError, ValueError):
+    """A material, a wall, a block or a setting of a simulation is not valid."""
+
+
+class SimulationError(LithoformError, RuntimeError):
+    """A simulation cannot go on.
+
+    Attributes
+    ----------
+    time : float
+        When, in the time of the simulation [s].
+    bodies : tuple of int
+        The blocks concerned, as far as they are known.
+    """
+
+    def __init__(self, message: str, *, time: float = float("nan"), bodies: tuple[int, ...] = ()) -> None:
+        super().__init__(message)
+        self.time = time
+        self.bodies = bodies
 
 
 class DeviceError(LithoformError, RuntimeError):

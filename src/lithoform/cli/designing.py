@@ -126,7 +126,7 @@ def make(
         say(json.dumps({"out": str(out), "seconds": round(seconds, 3), **as_dict(found)}, indent=2))
         return 0
     _tell(found)
-    say(f"\n{out}: {seeds} stones of fresh seeds, recipe.toml, candidates.csv, design.json"
+    say(f"\n{out}: {len(meshes)} stones of fresh seeds, recipe.toml, candidates.csv, design.json"
         f"{', design.png' if draws else ''}; {seconds:.1f} s")  # fmt: skip
     return 0
 
@@ -196,21 +196,22 @@ def build(
     if out.exists() and not overwrite:
         read_library(out)  # of another file than a library an error, so that nothing else is replaced
     numbers: Iterator[int] = run(
-        folder, plan, Measures(("four",)), source=LIBRARY_SOURCE, workers=workers, scheduler=scheduler, device=device
-    )
+        folder, plan, Measures(("four",)), source=LIBRARY_SOURCE, is_named=False, workers=workers, scheduler=scheduler,
+        device=device,
+    )  # fmt: skip
     done = 0
-    # What cannot be written is refused before the work.
-    with atomic_path(out) as probe:
-        probe.write_bytes(b"")
-        try:
+    try:
+        # What cannot be written is refused before the work.
+        with atomic_path(out) as probe:
+            probe.write_bytes(b"")
             for _ in track(numbers, total=plan.count, what="stones"):
                 done += 1
-        except KeyboardInterrupt:
-            print(f"lithoform: interrupted; {folder} holds {done} of {plan.count} stones: the same command goes on.",
-                  file=sys.stderr)  # fmt: skip
-            raise
-        made = condense(folder)
-        write_library(made, probe)
+            made = condense(folder)
+            write_library(made, probe)
+    except KeyboardInterrupt:
+        print(f"lithoform: interrupted; {folder} holds {done} of {plan.count} stones: the same command goes on.",
+              file=sys.stderr)  # fmt: skip
+        return 130
     told = {"library": str(out), "database": str(folder), "stones": len(made), **_plain(made)}
     if json_:
         say(json.dumps({**told, "seconds": round(time.perf_counter() - started, 3)}))
@@ -282,6 +283,6 @@ def _tell(found: Design) -> None:
         error = f"{mean - value:+.4f}" if asked else "-"
         rows.append([name, *wanted, f"{predicted:.4f}", f"{mean:.4f}", f"{scatter:.4f}", error])
     say_table(rows)
-    say(f"\nachieved: mean of {len(found.achieved)} stones of fresh seeds; scatter: from seed to seed. "
+    say(f"\nachieved: mean of {found.measured.sum()} stones of fresh seeds; scatter: from seed to seed. "
         f"{found.stones} stones were made for the search.")  # fmt: skip
     say(found.verdict)

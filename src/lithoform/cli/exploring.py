@@ -52,6 +52,9 @@ def explore(
     try:
         shown = find_library() if library is None else read_library(library)
         app = make_app(folder, shown, host=host)
+        shelf = app.context.shelf  # type: ignore[attr-defined]
+        for name, why in shelf.left_out.items() if shelf else ():
+            print(f"lithoform: warning: the database {name} is left out: {why}", file=sys.stderr)
         if not is_loopback(host):
             print(f"lithoform: warning: others who reach {host} can use this page and its databases; there is no "
                   "password.", file=sys.stderr)  # fmt: skip

@@ -90,11 +90,8 @@ def oat(
                            "oat_trends.csv": trends_to_csv(found)})  # fmt: skip
     held = sum(trend.held for trend in found)
     if json_:
-        effects = {
-            axis.name: dict(zip(FOUR, row, strict=True))
-            for axis, row in zip(curves.axes, curves.ranges.tolist(), strict=True)
-        }
-        baseline = dict(zip(FOUR, curves.baseline.tolist(), strict=True))
+        effects = {axis.name: _by_name(FOUR, row) for axis, row in zip(curves.axes, curves.ranges, strict=True)}
+        baseline = _by_name(FOUR, curves.baseline)
         claims = [
             {"parameter": t.claim.parameter, "descriptor": t.claim.descriptor, "claim": t.claim.text, "held": t.held,
              "found": t.found, "correlation": t.tendency and t.tendency.correlation, "p": t.tendency and t.tendency.p}
@@ -310,8 +307,8 @@ def _carry_out(folder: Path, source: str, design: Any, workers: int | None, sche
 
     resolve_device(device)
     started, done = time.perf_counter(), 0
-    numbers = build(folder, design, Measures(("four",)), source=source, workers=workers, scheduler=scheduler,
-                    device=device)  # fmt: skip
+    numbers = build(folder, design, Measures(("four",)), source=source, is_named=False, workers=workers,
+                    scheduler=scheduler, device=device)  # fmt: skip
     try:
         for _ in track(numbers, total=design.count, what="stones"):
             done += 1

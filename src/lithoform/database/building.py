@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
-from lithoform.database.engine import ClusterError, spread
+from lithoform.database.engine import ClusterError, require_workers, spread
 from lithoform.database.schema import mesh_row, mesh_table, particle_schema, recipe_values, shape_values
 from lithoform.database.store import Source, Store, new_source
 from lithoform.descriptors.body import Body, BoxKind
@@ -101,6 +101,7 @@ def build(
     measures: Measures | None = None,
     *,
     source: str = "generated",
+    is_named: bool = True,
     workers: int | None = None,
     scheduler: str | None = None,
     device: str = "auto",
@@ -116,6 +117,8 @@ def build(
     measures : Measures, optional
     source : str
         Name of these particles in the database.
+    is_named : bool
+        As `Store.add`.
     workers, scheduler
         As `lithoform.database.engine.spread`.
     device : {"auto", "cpu", "cuda"}
@@ -148,7 +151,9 @@ def build(
     size = batch_size(plan.count, keep_meshes=measures.keep_meshes)
     entry = new_source(source, "generated", plan.count, batch=size, keeps_meshes=measures.keep_meshes, plan=told)
     job = {"plan": plan, "measures": measures, "device": device}
-    return carry_out(folder, entry, _generated_rows, lambda _: job, workers=workers, scheduler=scheduler)
+    return carry_out(
+        folder, entry, _generated_rows, lambda _: job, is_named=is_named, workers=workers, scheduler=scheduler
+    )
 
 
 def carry_out(
@@ -157,6 +162,7 @@ def carry_out(
     rows_of: Any,
     job: Callable[[range], dict[str, Any]],
     *,
+    is_named: bool = True,
     workers: int | None,
     scheduler: str | None,
 ) -> Iterator[int]:
@@ -170,11 +176,14 @@ def carry_out(
         A function of a module: of a job and a range of numbers, an iterator of rows with their meshes or None.
     job : callable
         What `rows_of` needs for a range of numbers, in plain values.
+    is_named : bool
+        As `Store.add`.
     workers, scheduler
         As `spread`.
     """
+    require_workers(workers, scheduler)
     with Store.writing(folder) as store:
-        store.add(source)
+        store.add(source, is_named=is_named)
         open_batches = []
         there = set(store.present(source))
         for batch in range(1, source.batches + 1):

@@ -22,7 +22,7 @@ from lithoform.parallel import in_order
 from lithoform.sidecar import program_version
 from lithoform.warp_runtime import default_threads
 
-__all__ = ["ClusterError", "has_dask", "spread"]
+__all__ = ["ClusterError", "has_dask", "require_workers", "spread"]
 
 _AHEAD: Final = 2
 """Batches given out for each worker: one at work and one at hand."""
@@ -38,6 +38,22 @@ class ClusterError(LithoformError, RuntimeError):
 def has_dask() -> bool:
     """Whether the extra `cluster` is installed."""
     return find_spec("distributed") is not None
+
+
+def require_workers(workers: int | None, scheduler: str | None) -> None:
+    """Refuse workers that there cannot be, before any work; as `spread`.
+
+    Raises
+    ------
+    RecipeError
+        If workers is negative, or given with a scheduler.
+    ClusterError
+        If a scheduler is given and Dask is not installed.
+    """
+    if workers is not None and (scheduler is not None or workers < 0):
+        raise RecipeError(f"expected --workers of at least 0, and not with --scheduler; got {workers}.")
+    if scheduler is not None and not has_dask():
+        raise ClusterError('a scheduler needs Dask: install it with pip install "lithoform[cluster]".')
 
 
 def spread(
@@ -69,10 +85,7 @@ def spread(
         If Dask is asked for and not installed, the scheduler does not answer, it has no workers, or workers died of the
         same batch more often than chance explains.
     """
-    if workers is not None and (scheduler is not None or workers < 0):
-        raise RecipeError(f"expected --workers of at least 0, and not with --scheduler; got {workers}.")
-    if scheduler is not None and not has_dask():
-        raise ClusterError('a scheduler needs Dask: install it with pip install "lithoform[cluster]".')
+    require_workers(workers, scheduler)
     if workers == 0 or not has_dask():
         return in_order(work, jobs, threads=workers or None)
     return _over_cluster(work, iter(jobs), workers or default_threads(), scheduler)

@@ -14,16 +14,15 @@ import contextlib
 import json
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from lithoform.atomic import atomic_path, atomic_write, make_folder, remove_partials
 from lithoform.database.schema import SCHEMA_VERSION, particle_schema
+from lithoform.database.sources import Source, differing_settings, new_source
 from lithoform.errors import FileFormatError, OutputError
 from lithoform.locking import LOCK_FILE, folder_lock
 from lithoform.mesh import Mesh
-from lithoform.sidecar import program_version
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -36,48 +35,6 @@ _FORMAT: Final = "lithoform database"
 _SOURCE_NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}", re.ASCII)
 _BATCH_FILE: Final = re.compile(r"([A-Za-z0-9][A-Za-z0-9_-]*)\.(\d{6,})\.parquet", re.ASCII)
 _FOLDERS: Final = ("particles", "meshes")
-_ABSENT: Final = object()
-
-
-@dataclass(frozen=True)
-class Source:
-    """A build or an import of a database.
-
-    Attributes
-    ----------
-    name : str
-    kind : {"generated", "scanned"}
-    count : int
-        Particles that it has when it is complete.
-    batch : int
-        Particles a batch.
-    keeps_meshes : bool
-    lithoform : str
-        Version of the program that makes its rows; their bytes are promised for one version alone.
-    plan : dict
-        What was asked for, in plain values.
-    """
-
-    name: str
-    kind: str
-    count: int
-    batch: int
-    keeps_meshes: bool
-    lithoform: str
-    plan: dict[str, Any]
-
-    @property
-    def batches(self) -> int:
-        """Number of batches when it is complete."""
-        return -(-self.count // self.batch)
-
-    def numbers(self, batch: int) -> range:
-        """Numbers of the particles of a batch; batches count from 1, as particles do."""
-        return range((batch - 1) * self.batch + 1, min(batch * self.batch, self.count) + 1)
-
-    def as_dict(self) -> dict[str, Any]:
-        """As the manifest holds it, without the name."""
-        return {key: value for key, value in vars(self).items() if key != "name"}
 
 
 def is_store(folder: str | Path) -> bool:
@@ -137,8 +94,14 @@ class Store:
         if place == home / MANIFEST or any(place.is_relative_to(home / name) for name in _FOLDERS):
             raise OutputError(f"{path} is among the files of the database {self.folder}; name another file.")
 
-    def add(self, source: Source) -> None:
+    def add(self, source: Source, *, is_named: bool = True) -> None:
         """Enter a source, or find that it is there with the same plan; only while the store is held for writing.
+
+        Parameters
+        ----------
+        source : Source
+        is_named : bool
+            Whether its name is the caller's choice, so that another one is a way out.
 
         Raises
         ------
@@ -149,9 +112,10 @@ class Store:
             raise OutputError(f"expected a source of letters, digits, - and _ (at most 64); got {source.name!r}.")
         # Two names that differ in case alone would be one file on some systems.
         taken = {name.lower(): name for name in self.sources}.get(source.name.lower())
+        other = "another --source or folder" if is_named else "another folder"
         if taken is not None and taken != source.name:
             raise OutputError(f"{self.folder} holds {taken!r}, which differs from {source.name!r} in case alone: give "
-                              "the new particles another --source.")  # fmt: skip
+                              f"the new particles {other}.")  # fmt: skip
         # A source without a batch was stopped before it had begun; it may begin again otherwise.
         if taken is None or not self.present(self.sources[taken]):
             _write_manifest(self.folder, {**self.sources, source.name: source})
@@ -161,15 +125,13 @@ class Store:
         if former.lithoform != source.lithoform:
             raise OutputError(
                 f"{self.folder} holds {taken!r} made by lithoform {former.lithoform}, and this is {source.lithoform}: "
-                "go on with that version, or give the new particles another --source."
+                f"go on with that version, or give the new particles {other}."
             )
         if former != source:
-            ours = {**former.as_dict(), **former.plan}
-            theirs = {**source.as_dict(), **source.plan}
-            names = sorted(k for k in {*ours, *theirs} - {"plan"} if ours.get(k, _ABSENT) != theirs.get(k, _ABSENT))
+            names = differing_settings(former, source)
             raise OutputError(
                 f"{self.folder} holds {taken!r} with other settings ({', '.join(names)} differ): give the same command "
-                "to finish it, or another --source or folder for the new particles."
+                f"to finish it, or {other} for the new particles."
             )
 
     def path(self, source: Source, batch: int, *, meshes: bool = False) -> Path:
@@ -389,8 +351,3 @@ def _read_manifest(folder: Path) -> dict[str, Source]:
     except (KeyError, TypeError, AttributeError):
         pass
     raise FileFormatError(f"{path} is damaged: its sources are not as this program writes them.")
-
-
-def new_source(name: str, kind: str, count: int, *, batch: int, keeps_meshes: bool, plan: dict[str, Any]) -> Source:
-    """A source made by this version of the program, its plan as it comes back from JSON."""
-    return Source(name, kind, count, batch, keeps_meshes, program_version(), json.loads(json.dumps(plan)))

@@ -126,8 +126,7 @@ def _predict(context: Context, asked: dict[str, Any]) -> dict[str, Any]:
     index: Any = asked.get("index")
     space = _design(context, index)
     ticket = context.turns.enter(asked.get("page"), "space", asked.get("turn"))
-    with ticket.working():
-        return space.predicted(index)
+    return space.predicted(index, ticket)
 
 
 def _point(context: Context, asked: dict[str, Any]) -> bytes:

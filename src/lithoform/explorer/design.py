@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import threading
 from collections.abc import Mapping, Sequence
@@ -13,12 +14,15 @@ import numpy as np
 from lithoform.axes import axis_values
 from lithoform.descriptors.table import DESCRIPTORS, FOUR
 from lithoform.errors import LithoformError
+from lithoform.explorer.turns import POLL
 from lithoform.lazy import cached_property
 from lithoform.parameters import PARAMETERS
 from lithoform.presets import SHAPE_CLASSES, ZINGG_LIMIT
 
 if TYPE_CHECKING:
+    from lithoform.explorer.turns import Ticket
     from lithoform.inverse.library import DesignLibrary
+    from lithoform.inverse.surrogate import Surrogate
     from lithoform.inverse.targets import Target
 
 __all__ = ["MISMATCH", "DesignSpace", "Filter", "target_of"]
@@ -75,6 +79,7 @@ class DesignSpace:
         self._columns = {name: library.descriptors[:, i] for i, name in enumerate(FOUR)}
         self._columns |= {axis.name: values[:, i] for i, axis in enumerate(library.axes)}
         self._lock = threading.Lock()
+        self._surrogate: Surrogate | None = None
 
     def __len__(self) -> int:
         return len(self.library.descriptors)
@@ -130,24 +135,40 @@ class DesignSpace:
         """Descriptors and axes of a point."""
         return {name: float(column[index]) for name, column in self._columns.items()}
 
-    def predicted(self, index: int) -> dict[str, list[float]]:
+    def predicted(self, index: int, ticket: Ticket | None = None) -> dict[str, list[float]]:
         """Mean and scatter from seed to seed of the descriptors at a point, by the surrogate of the library.
+
+        Parameters
+        ----------
+        index : int
+        ticket : Ticket, optional
+            Of the request.  The first fits the surrogate, and holds a place for work while it does; others wait for it
+            without one.
 
         Returns
         -------
         dict
             "mean", "scatter": four numbers each.
+
+        Raises
+        ------
+        SupersededError
+            If the request is overtaken while it waits.
         """
-        with self._lock:
+        while not self._lock.acquire(timeout=POLL):
+            if ticket is not None:
+                ticket.require()
+        try:
+            if self._surrogate is None:
+                from lithoform.inverse.surrogate import Surrogate
+
+                with contextlib.nullcontext() if ticket is None else ticket.working():
+                    self._surrogate = Surrogate.fit(self.library)
             surrogate = self._surrogate
+        finally:
+            self._lock.release()
         told = surrogate.predict(self.library.coordinates[index : index + 1])
         return {"mean": [float(v) for v in told.mean[0]], "scatter": [float(v) for v in told.scatter[0]]}
-
-    @cached_property
-    def _surrogate(self) -> Any:
-        from lithoform.inverse.surrogate import Surrogate
-
-        return Surrogate.fit(self.library)
 
     @cached_property
     def baseline(self) -> dict[str, float]:

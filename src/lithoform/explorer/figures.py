@@ -126,17 +126,23 @@ def cloud(
               "cmax": max(limit, 1e-9), "colorbar": bar}  # fmt: skip
     ring = {"size": 7, "symbol": "circle-open", "color": look.accent, "line": {"width": 2, "color": look.accent}}
     data = [points(indices, "designs", marker), points(best, f"best {len(best)}", ring)]
-    for name, place, symbol, colour in (
-        ("target", _target_place(axes, target), "cross", look.marks[0]),
-        ("baseline", _baseline_place(space, axes, target), "diamond", look.marks[1]),
+    named = []
+    for name, place, symbol, colour, aside in (
+        ("target", _target_place(axes, target), "cross", look.marks[0], 42),
+        ("baseline", _baseline_place(space, axes, target), "diamond", look.marks[1], -42),
     ):
         if place is not None:
             told = "".join(f"<br>{space.label(axis)}: {value:.4g}" for axis, value in zip(axes, place, strict=True))
             data.append({"type": "scatter3d", "mode": "markers", "name": name, "x": [place[0]], "y": [place[1]],
                          "z": [place[2]], "marker": {"size": 9, "symbol": symbol, "color": colour},
                          "hovertemplate": f"<b>{name}</b>{told}<extra></extra>"})  # fmt: skip
+            # The points about a mark may hide it, but not its name.
+            named.append({"x": place[0], "y": place[1], "z": place[2], "text": name, "ax": aside, "ay": -42,
+                          "arrowhead": 0, "arrowwidth": 1, "arrowcolor": colour, "font": {"color": colour},
+                          "bgcolor": look.panel, "opacity": 0.85})  # fmt: skip
     scene = {
         "aspectmode": "cube",
+        "annotations": named,
         "camera": {"eye": {"x": 1.55, "y": -1.55, "z": 0.85}, "center": {"x": 0, "y": 0, "z": -0.12}},
     }
     for letter, name in zip("xyz", axes, strict=True):

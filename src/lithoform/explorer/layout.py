@@ -206,6 +206,10 @@ def population_panel(shelf: Shelf) -> list[Any]:
                         html.Legend("Sources"),
                         _dropdown("source-1", sources, sources[0], "first source"),
                         _dropdown("source-2", second, sources[1] if len(sources) > 1 else "", "second source"),
+                        *(
+                            html.P(f"{name} is left out: {why}", className="note refused")
+                            for name, why in shelf.left_out.items()
+                        ),
                     ]
                 ),
                 html.Fieldset(

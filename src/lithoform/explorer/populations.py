@@ -6,7 +6,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -20,6 +20,9 @@ from lithoform.errors import FileFormatError, LithoformError
 from lithoform.explorer.state import to_page
 from lithoform.explorer.stones import Stone, outline
 from lithoform.presets import SHAPE_CLASSES
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 __all__ = ["PAGE", "Percentiles", "Shelf", "unit_of"]
 
@@ -72,29 +75,44 @@ class Shelf:
     folder : Path
     sources : dict of str to (Store, str)
         Store and source by the name that the page knows: SOURCE, or DATABASE/SOURCE in a folder of databases.
+    left_out : dict of str to str
+        Databases of a folder that cannot be read, and why in a sentence.
 
     Raises
     ------
     FileFormatError
-        If there is no database.
+        If there is no database, or none that can be read.
     """
 
     def __init__(self, folder: str | os.PathLike[str]) -> None:
         self.folder = Path(folder)
+        self.left_out: dict[str, str] = {}
+        self._four: list[pa.Table] = []
         if is_store(self.folder):
-            store = Store(self.folder)
-            self.sources = {name: (store, name) for name in store.sources}
+            self.sources = self._read(self.folder, "")
         else:
             try:
-                found = sorted(path for path in self.folder.iterdir() if path.is_dir() and is_store(path))
+                found = sorted(path for path in self.folder.iterdir() if path.is_dir())
             except OSError as error:
                 told = f"{self.folder} cannot be read: {error.strerror}; name a folder with a database."
                 raise FileFormatError(told) from None
-            stores = {path.name: Store(path) for path in found}
-            self.sources = {f"{name}/{s}": (store, s) for name, store in stores.items() for s in store.sources}
+            self.sources = {}
+            for path in found:
+                try:
+                    self.sources |= self._read(path, f"{path.name}/") if is_store(path) else {}
+                except FileFormatError as error:
+                    self.left_out[path.name] = str(error)
+        if self.left_out and not self.sources:
+            raise FileFormatError(next(iter(self.left_out.values())))
         if not self.sources:
             raise FileFormatError(f"expected a database, or a folder of databases; {self.folder} holds none: make one "
                                   "with lithoform database build.")  # fmt: skip
+
+    def _read(self, folder: Path, prefix: str) -> dict[str, tuple[Store, str]]:
+        """Sources of a database by name; the four descriptors of all are read, so that damage shows now."""
+        store = Store(folder)
+        self._four += [store.table(list(FOUR), sources=[entry]) for entry in store.sources]
+        return {f"{prefix}{entry}": (store, entry) for entry in store.sources}
 
     def column(self, source: Any, name: Any) -> tuple[np.ndarray, np.ndarray]:
         """Values of a descriptor, and the class of each particle; those in error or not measured are left out.
@@ -127,9 +145,8 @@ class Shelf:
 
     def percentiles(self) -> Percentiles | None:
         """The four descriptors of all sources together; None if no particle has them."""
-        tables = [store.table(list(FOUR), sources=[entry]) for store, entry in self.sources.values()]
         columns = {
-            name: np.concatenate([table[name].to_numpy().astype(np.float64) for table in tables]) for name in FOUR
+            name: np.concatenate([table[name].to_numpy().astype(np.float64) for table in self._four]) for name in FOUR
         }
         found = Percentiles.of(f"{self.folder.resolve().name}", columns)
         return found if found.columns else None

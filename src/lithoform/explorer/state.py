@@ -11,12 +11,15 @@ from lithoform.presets import PRESETS, SHAPE_CLASSES, benchmark_recipe, database
 from lithoform.recipe_io import from_dict, parse_setting
 
 __all__ = [
-    "MAX_TRIANGLES", "PRESET_NAMES", "from_page", "link_of", "preset_recipe", "recipe_of_link", "require_light",
-    "to_page",
+    "MAX_SMOOTHING", "MAX_TRIANGLES", "PRESET_NAMES", "from_page", "link_of", "preset_recipe", "recipe_of_link",
+    "require_light", "to_page",
 ]  # fmt: skip
 
 MAX_TRIANGLES: Final = 200_000
 """Largest mesh that the explorer makes: about a second of work."""
+
+MAX_SMOOTHING: Final = 50_000_000
+"""Most triangles times steps of smoothing, which is as much again."""
 
 PRESET_NAMES: Final = (PRESETS[0], *SHAPE_CLASSES)
 """The benchmark of Table 1, and the four classes of the paper's database."""
@@ -61,10 +64,20 @@ def recipe_of_link(query: str) -> Recipe:
 
 
 def require_light(recipe: Recipe) -> None:
-    """Refuse a mesh that is too large to be drawn while one waits."""
+    """Refuse a mesh that takes too long to be drawn while one waits: too large, or smoothed too often for its size.
+
+    Raises
+    ------
+    RecipeError
+        If it does.
+    """
     if recipe.triangles > MAX_TRIANGLES:
         raise RecipeError(f"the explorer draws at most {MAX_TRIANGLES:,} triangles; got {recipe.triangles:,}: make "
                           "larger stones with lithoform generate.")  # fmt: skip
+    most = MAX_SMOOTHING // recipe.triangles
+    if recipe.smoothing_iterations > most:
+        raise RecipeError(f"the explorer smooths {recipe.triangles:,} triangles in at most {most:,} steps; got "
+                          f"{recipe.smoothing_iterations:,}: take fewer of either, or lithoform generate.")  # fmt: skip
 
 
 def to_page(recipe: Recipe) -> dict[str, Any]:

@@ -14,11 +14,13 @@ from typing import Any, Final
 
 from lithoform.errors import LithoformError
 
-__all__ = ["SupersededError", "Ticket", "Turns"]
+__all__ = ["POLL", "SupersededError", "Ticket", "Turns"]
 
 _PAGE: Final = re.compile(r"[0-9a-zA-Z-]{1,64}", re.ASCII)
 _CHANNELS: Final = ("studio", "space", "sheet", "stone", "file")
-_POLL: Final = 0.02  # [s] between two looks at whether work that waits is still wanted
+POLL: Final = 0.02
+"""Time between two looks at whether work that waits is still wanted [s]."""
+
 _REMEMBERED: Final = 2000  # pages and channels
 
 
@@ -115,7 +117,7 @@ class Turns:
     @contextlib.contextmanager
     def place(self, ticket: Ticket) -> Iterator[None]:
         """As `Ticket.working`."""
-        while not self._places.acquire(timeout=_POLL):
+        while not self._places.acquire(timeout=POLL):
             self.require(ticket)
         try:
             self.require(ticket)

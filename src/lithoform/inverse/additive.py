@@ -54,7 +54,8 @@ class AdditiveSurrogate:
         Parameters
         ----------
         values : numpy.ndarray, shape (n, axes)
-            Of the parameters, each in its unit; the curves are interpolated linearly.
+            Of the parameters, each in its unit; the curves are interpolated linearly in it, that of kappa too, whose
+            points are even on its logarithm.
 
         Returns
         -------
@@ -113,6 +114,8 @@ def paper_candidates(
     seed: int = 0,
 ) -> list[PaperCandidate]:
     """Points of a Latin hypercube over the admissible ranges, ranked by E.
+
+    The hypercube is even on the scale of each axis: that of kappa is its logarithm, all others are linear.
 
     Parameters
     ----------

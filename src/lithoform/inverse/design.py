@@ -112,6 +112,12 @@ class Design:
     verdict: str
 
     @property
+    def measured(self) -> np.ndarray:
+        """Which of the fresh stones have a sound mesh that was measured, shape (n,), bool."""
+        there: np.ndarray = np.all(np.isfinite(self.achieved), axis=1)
+        return there
+
+    @property
     def mean(self) -> np.ndarray:
         """Mean descriptors of the fresh stones, shape (4,)."""
         return np.nanmean(self.achieved, axis=0)
@@ -320,7 +326,7 @@ def as_dict(design: Design) -> dict[str, Any]:
         "reached": design.reached,
         "verdict": design.verdict,
         "predicted": setting(design.predicted),
-        "achieved": {"mean": four(design.mean), "scatter": four(design.scatter), "stones": len(design.achieved)},
+        "achieved": {"mean": four(design.mean), "scatter": four(design.scatter), "stones": int(design.measured.sum())},
         "limits": [vars(limit) for limit in design.limits],
         "stones_of_the_search": design.stones,
         "fresh_seeds": list(design.seeds),

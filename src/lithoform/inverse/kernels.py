@@ -38,8 +38,17 @@ class Kernel:
 
     def between(self, x: np.ndarray, z: np.ndarray) -> np.ndarray:
         """Kernel of all pairs, shape (n, m)."""
-        a, b = x / self.scales, z / self.scales
-        squares = (a**2).sum(axis=1)[:, None] + (b**2).sum(axis=1) - 2.0 * (a @ b.T)
+        return self.to_scaled(x, *self.scaled(z))
+
+    def scaled(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Points in units of the length scales, shape (m, d), and the squares of their lengths, shape (m,)."""
+        b = z / self.scales
+        return b, (b**2).sum(axis=1)
+
+    def to_scaled(self, x: np.ndarray, b: np.ndarray, b_squares: np.ndarray) -> np.ndarray:
+        """As `between`, to what `scaled` gave: points that are asked for again and again are scaled once."""
+        a = x / self.scales
+        squares = (a**2).sum(axis=1)[:, None] + b_squares - 2.0 * (a @ b.T)
         return self.variance * np.exp(-0.5 * np.maximum(squares, 0.0))
 
     def as_dict(self) -> dict[str, float | list[float]]:

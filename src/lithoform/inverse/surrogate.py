@@ -19,6 +19,7 @@ from lithoform.descriptors.table import FOUR
 from lithoform.errors import SampleError
 from lithoform.inverse.kernels import Kernel, fit_kernel, one_blas_thread
 from lithoform.inverse.library import DesignLibrary
+from lithoform.lazy import cached_property
 
 __all__ = ["Prediction", "Surrogate", "kernels_of"]
 
@@ -60,8 +61,12 @@ class _Surface:
     radial: np.ndarray  # the weights of the kernels themselves
     factor: np.ndarray  # inverse of the Cholesky factor of the weights' precision
 
+    @cached_property
+    def _scaled(self) -> tuple[np.ndarray, np.ndarray]:
+        return self.kernel.scaled(self.centres)
+
     def features(self, x: np.ndarray) -> np.ndarray:
-        own = self.kernel.between(x, self.centres) @ self.whitening.T
+        own = self.kernel.to_scaled(x, *self._scaled) @ self.whitening.T
         return np.column_stack([np.ones(len(x)), x - 0.5, own])
 
     def error(self, features: np.ndarray) -> np.ndarray:
@@ -73,12 +78,12 @@ class _Surface:
     def mean(self, x: np.ndarray) -> np.ndarray:
         """Mean alone, shape (m,)."""
         trend = self.weights[0] + (x - 0.5) @ self.weights[1 : 1 + x.shape[1]]
-        return trend + self.kernel.between(x, self.centres) @ self.radial
+        return trend + self.kernel.to_scaled(x, *self._scaled) @ self.radial
 
     def with_slopes(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Mean, and its derivatives by the coordinates, shape (m, d)."""
         d = x.shape[1]
-        weighted = self.kernel.between(x, self.centres) * self.radial
+        weighted = self.kernel.to_scaled(x, *self._scaled) * self.radial
         own = weighted.sum(axis=1)
         moved = weighted @ self.centres - own[:, None] * x
         mean = self.weights[0] + (x - 0.5) @ self.weights[1 : 1 + d] + own

@@ -37,13 +37,18 @@ def prepare_folder(out: Path, *, overwrite: bool, remove: bool = True) -> None:
     Raises
     ------
     OutputError
-        If it holds other files, or a design while `overwrite` is off, or cannot be used.
+        If it holds other files, or a design while `overwrite` is off, a finished one or not, or cannot be used.
     """
     make_folder(out)
     try:
         content = {p.name for p in out.iterdir() if p.name != LOCK_FILE and not p.name.endswith(".partial")}
         own = _files_of_former(out)
         if content and not (own and overwrite):
+            if missing := len(own - content):
+                raise OutputError(
+                    f"the folder {out} holds a design that was stopped before it was finished ({missing} of its "
+                    f"{len(own)} files are missing): give --overwrite to make it anew, or choose another folder."
+                )
             held, way = ("a design", ", or give --overwrite") if own else ("other files", "")
             raise OutputError(f"the folder {out} is not empty, it holds {held}: choose another{way}.")
         if remove:
@@ -57,7 +62,7 @@ def prepare_folder(out: Path, *, overwrite: bool, remove: bool = True) -> None:
 
 
 def write_design(design: Design, out: Path, *, stones: int, picture: bool, unit: str = "mm") -> list[Mesh]:
-    """Write the stones of the fresh seeds, the recipe, the candidates and the numbers; the meshes [m].
+    """Write stones of the fresh seeds, those that were measured, the recipe, the candidates and the numbers.
 
     Parameters
     ----------
@@ -71,12 +76,18 @@ def write_design(design: Design, out: Path, *, stones: int, picture: bool, unit:
     unit : str
         Of the mesh files.
 
+    Returns
+    -------
+    list of Mesh
+        Of the stones [m].
+
     Raises
     ------
-    OutputError, UnsoundMeshError
-        If a file cannot be written, or a stone has no sound mesh.
+    OutputError
+        If a file cannot be written.
     """
-    names = [f"{i:06d}" for i in range(1, stones + 1)]
+    seeds = [seed for seed, there in zip(design.seeds, design.measured, strict=True) if there][:stones]
+    names = [f"{i:06d}" for i in range(1, len(seeds) + 1)]
     files = [RECIPE_FILE, CANDIDATES_FILE, *([PICTURE_FILE] if picture else [])]
     files += [f"{name}.{kind}" for name in names for kind in ("stl", "json")]
     told = {**as_dict(design), "files": files}
@@ -85,7 +96,7 @@ def write_design(design: Design, out: Path, *, stones: int, picture: bool, unit:
     atomic_write(out / RECIPE_FILE, to_toml(design.recipe).encode())
     atomic_write(out / CANDIDATES_FILE, candidates_csv(design.candidates))
     meshes = []
-    for number, (name, seed) in enumerate(zip(names, design.seeds, strict=False), start=1):
+    for number, (name, seed) in enumerate(zip(names, seeds, strict=True), start=1):
         particle = generate(design.recipe.replace(seed=seed))
         extra = {"number": number, "class": shape_class_of(particle.recipe.size)}
         particle.save(out / f"{name}.stl", unit=unit, extra=extra)

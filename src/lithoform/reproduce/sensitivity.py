@@ -135,7 +135,7 @@ def curves_picture(curves: Curves, seeds: int, triangles: int) -> bytes:
 
 
 def _made(folder: Path, source: str, design: Design, device: str) -> Responses:
-    numbers = build(folder, design, Measures(("four",)), source=source, device=device)
+    numbers = build(folder, design, Measures(("four",)), source=source, device=device, is_named=False)
     for _ in track(numbers, total=design.count, what="stones"):
         pass
     return read_responses(folder, source, design)

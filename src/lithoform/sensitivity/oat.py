@@ -62,8 +62,9 @@ class Curves:
 
     @cached_property
     def ranges(self) -> np.ndarray:
-        """Greatest less least mean on each axis, shape (axes, 4)."""
-        return np.array([np.nanmax(mean, axis=0) - np.nanmin(mean, axis=0) for mean in self.mean])
+        """Greatest less least mean on each axis, shape (axes, 4); NaN where no point has a stone."""
+        known = [mean[np.isfinite(mean).all(axis=1)] for mean in self.mean]
+        return np.array([np.ptp(mean, axis=0) if len(mean) else np.full(len(FOUR), np.nan) for mean in known])
 
     def to_csv(self) -> bytes:
         """Table with a row a point, the base first; numbers with all their digits."""

@@ -26,6 +26,7 @@ from typing import Any, Final
 import numpy as np
 
 from lithoform.descriptors.table import FOUR
+from lithoform.errors import SampleError
 from lithoform.sensitivity.claims import ALL, CLAIMS, LEADING, Claim
 from lithoform.sensitivity.oat import Sweep
 
@@ -147,15 +148,25 @@ def student_interval(values: np.ndarray) -> tuple[float, float, float]:
 
 
 def trends(sweep: Sweep, claims: Sequence[Claim] = CLAIMS) -> list[Trend]:
-    """Test claims on a sweep; those on a parameter that it does not have are left out."""
+    """Test claims on a sweep; those on a parameter that it does not have are left out.
+
+    Raises
+    ------
+    SampleError
+        If the sweep has no stone.
+    """
     names = [axis.name for axis in sweep.axes]
+    if not np.isfinite(sweep.curves.ranges).any():
+        raise SampleError("no stone of the sweep could be made: use more triangles.")
     return [_tested(sweep, claim, names) for claim in claims if claim.parameter in (ALL, *names)]
 
 
 def _tested(sweep: Sweep, claim: Claim, names: list[str]) -> Trend:
-    ranges = sweep.curves.ranges
+    # A parameter without a stone takes no part in what is said of all.
+    ranges = np.nan_to_num(sweep.curves.ranges, nan=0.0)
     if claim.parameter == ALL:
-        held, found = _ranked(claim, ranges, names)
+        known = np.flatnonzero(np.isfinite(sweep.curves.ranges).all(axis=1))
+        held, found = _ranked(claim, ranges[known], [names[i] for i in known])
         return Trend(claim, None, math.nan, held, found)
     axis, column = names.index(claim.parameter), FOUR.index(claim.descriptor)
     values, responses = sweep.values[axis], sweep.responses[axis][..., column]
@@ -209,6 +220,8 @@ def _threshold(values: np.ndarray, responses: np.ndarray, claim: Claim) -> tuple
     # The curve after the threshold starts from the last point before it.
     after = ~before
     after[np.flatnonzero(before)[-1:]] = True
+    if min(before.sum(), after.sum()) < _LEAST_POINTS:
+        return False, f"expected at least {_LEAST_POINTS} points with stones up to {at:g} and from there on"
     parts = [tendency(values[part], responses[part]) for part in (before, after)]
     words = f"range {parts[0].range:.3f} up to {at:g}, {parts[1].range:.3f} after it"
     return parts[0].range <= SLIGHT * parts[1].range and parts[1].tends(-1), words

@@ -66,7 +66,7 @@ window.dash_clientside = window.dash_clientside || {};
     try {
       const found = await post(path, { page, turn, ...body }, signal);
       if (found.superseded || (channel && turn !== turns[channel])) return null;
-      if (found.error) { told(found.error); return null; }
+      if (found.error) { told(found.error, true); return null; }
       found.milliseconds = performance.now() - started;
       return found;
     } catch (fault) {

@@ -9,10 +9,13 @@ window.lithoform = window.lithoform || {};
   const STEPS = 1000, WAIT = 20, PATIENCE = 300, ONE_MOVE = 600;
   const controls = {}, past = [], future = [];
   let about = null, recipe = null, view = null, timer = null, since = 0, changed = null, measured = null, flight = 0;
+  // The recipe of the stone that is shown, and whether the controls hold one that was refused since.
+  let drawn = null, isRefused = false;
 
   const scales = {
     linear: [(x) => x, (x) => x], log: [Math.log, Math.exp], square_root: [Math.sqrt, (x) => x * x],
   };
+  const isSame = (one, other) => JSON.stringify(one) === JSON.stringify(other);
   const short = (value) => String(Number(value.toPrecision(4)));
 
   function slider(control, set) {
@@ -64,7 +67,7 @@ window.lithoform = window.lithoform || {};
       const field = make("input", { type: "number", step: "any", id: `field-${control.name}-${letter}`,
         "aria-label": `${control.name.replaceAll("_", " ")} ${letter}` });
       field.addEventListener("change", () => {
-        const value = [...recipe[control.name]];
+        const value = [...shown()[control.name]];
         if (field.value !== "") value[i] = Number(field.value);
         set(value);
       });
@@ -128,7 +131,8 @@ window.lithoform = window.lithoform || {};
       const name = presets.value;
       presets.value = "";
       if (!name) return;
-      const found = await lithoform.ask("recipe", { preset: name, seed: recipe.seed, triangles: recipe.triangles });
+      const { seed, triangles } = shown();
+      const found = await lithoform.ask("recipe", { preset: name, seed, triangles });
       if (found) change(found.recipe, null);
     });
     $("studio-actions").replaceChildren(presets,
@@ -161,9 +165,20 @@ window.lithoform = window.lithoform || {};
     return next;
   }
 
+  // What was refused is neither the base of the next change nor a step of the history.
+  function dropRefused() {
+    if (!isRefused || !drawn) return false;
+    isRefused = false;
+    changed = null;
+    recipe = drawn;
+    if (past.length && isSame(past[past.length - 1], drawn)) past.pop();
+    return true;
+  }
+
   function change(values, name) {
+    const wasRefused = dropRefused();
     const next = ordered({ ...recipe, ...values }, name);
-    if (JSON.stringify(next) === JSON.stringify(recipe)) return show();
+    if (isSame(next, recipe)) { show(); if (wasRefused) redraw(); return; }
     // A slider that is drawn along is one move.
     const now = performance.now();
     if (!(name && changed && changed.name === name && now - changed.at < ONE_MOVE)) past.push(recipe);
@@ -174,7 +189,9 @@ window.lithoform = window.lithoform || {};
     redraw();
   }
 
-  function undo() { step(past, future); }
+  function undo() {
+    if (dropRefused()) { show(); redraw(); } else step(past, future);
+  }
   function redo() { step(future, past); }
   function step(from, to) {
     if (!from.length) return;
@@ -187,7 +204,7 @@ window.lithoform = window.lithoform || {};
 
   function show() {
     for (const [name, control] of Object.entries(controls)) control.show(recipe[name]);
-    $("undo").disabled = !past.length;
+    $("undo").disabled = !past.length && !(isRefused && drawn);
     $("redo").disabled = !future.length;
   }
 
@@ -204,13 +221,19 @@ window.lithoform = window.lithoform || {};
   }
 
   async function draw(asked) {
-    const told = $("studio-told"), mine = flight = performance.now();
-    const stone = await lithoform.ask("stone", { recipe }, {
+    const told = $("studio-told"), mine = flight = performance.now(), wanted = recipe;
+    const stone = await lithoform.ask("stone", { recipe: wanted }, {
       channel: "studio", what: "Making the stone …",
-      told: (text) => { told.textContent = text; told.classList.add("refused"); },
+      told: (text, isAnswer) => {
+        told.textContent = text;
+        told.classList.add("refused");
+        if (isAnswer && recipe === wanted) { isRefused = true; show(); }
+      },
     });
     if (flight === mine) flight = 0;
     if (!stone) return;
+    drawn = wanted;
+    if (recipe === wanted) isRefused = false;
     view.show(stone);
     lithoform.link = stone.told.link;
     lithoform.remember();
@@ -229,8 +252,11 @@ window.lithoform = window.lithoform || {};
     measured = stone.told;
   }
 
+  // What was refused has no stone to keep.
+  const shown = () => (isRefused && drawn ? drawn : recipe);
+
   async function download(kind) {
-    const file = await lithoform.ask("file", { recipe, kind }, { channel: "file", what: "Writing the file …" });
+    const file = await lithoform.ask("file", { recipe: shown(), kind }, { channel: "file", what: "Writing the file …" });
     if (!file) return;
     const link = make("a", { href: URL.createObjectURL(file.blob), download: file.name });
     link.click();
