@@ -121,7 +121,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "statistics",
     },
     # specimens: never the database
-    "dem": {"errors", "mesh"},
+    "dem": {"atomic", "errors", "lazy", "mesh", "progress", "topology", "warp_runtime"},
     "compaction": {"dem", "errors", "mesh"},
     "export": {"dem", "errors", "mesh"},
     # results in, pictures and pages out; nothing is computed anew

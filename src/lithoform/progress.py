@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from typing import TypeVar
+import contextlib
+from collections.abc import Callable, Iterable, Iterator
+from typing import TYPE_CHECKING, TypeVar
 
-__all__ = ["track"]
+if TYPE_CHECKING:
+    from rich.progress import Progress
+
+__all__ = ["counted", "track"]
 
 _T = TypeVar("_T")
 
@@ -28,6 +32,37 @@ def track(items: Iterable[_T], *, total: int | None, what: str, enabled: bool = 
     object
         The items.
     """
+    with _bar(enabled) as bar:
+        yield from bar.track(items, total=total, description=what)
+
+
+@contextlib.contextmanager
+def counted(total: int, *, what: str, enabled: bool = True) -> Iterator[Callable[[int], None]]:
+    """A bar for work that is done in pieces of different sizes.
+
+    Parameters
+    ----------
+    total : int
+        How much there is to do.
+    what : str
+        Label of the bar.
+    enabled : bool
+        As in `track`.
+
+    Yields
+    ------
+    callable
+        To be called with how much more has been done.
+    """
+    if not enabled:
+        yield lambda _: None
+        return
+    with _bar(enabled) as bar:
+        task = bar.add_task(what, total=total)
+        yield lambda done: bar.advance(task, done)
+
+
+def _bar(enabled: bool) -> Progress:
     from rich.console import Console
     from rich.progress import (
         BarColumn,
@@ -47,5 +82,4 @@ def track(items: Iterable[_T], *, total: int | None, what: str, enabled: bool = 
         TextColumn("left"),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=console, disable=not (enabled and console.is_terminal), transient=True) as bar:
-        yield from bar.track(items, total=total, description=what)
+    return Progress(*columns, console=console, disable=not (enabled and console.is_terminal), transient=True)

@@ -1,0 +1,149 @@
+"""The engine: bits that do not depend on threads or pieces, pairs found, scales."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from lithoform import dem, generate
+from lithoform.dem.broadphase import matching_rows, near_pairs, neighbour_entries
+from lithoform.dem.engine import Engine
+from lithoform.presets import database_recipe
+
+SOFT = dem.TABLE_10.softened(1e-2)
+STONES = tuple(
+    dem.Shape.from_mesh(generate(database_recipe(name, seed=3, triangles=800)).mesh)
+    for name in ("cube", "plate", "column", "blade")
+)
+
+
+def falling(count: int = 150, *, walls: bool = True) -> tuple[dem.Model, dem.State]:
+    """Stones on a lattice, turned at random, that fall into a moving cylinder under a platen."""
+    rng = np.random.default_rng(5)
+    shape = np.arange(count) % len(STONES)
+    side = 5
+    place = np.stack(np.unravel_index(np.arange(count), (999, side, side))[::-1], axis=1)
+    radius = np.array([stone.bounding_radius for stone in STONES]).max()
+    position = (place - [2.0, 2.0, -0.6]) * 1.7 * radius
+    scale = rng.uniform(0.7, 0.84, count)
+    container = (
+        dem.Plane(point=(0, 0, 0), normal=(0, 0, 1)),
+        dem.Cylinder(radius=6.5 * radius, motion=dem.Motion(angular_velocity=(0, 0, 3.0), nutates=True)),
+        dem.Plane(point=(0, 0, position[:, 2].max() + radius), normal=(0, 0, -1),
+                  motion=dem.Servo(force=5.0, mass=0.1, time=1e-2, max_speed=1.0)),
+    )  # fmt: skip
+    model = dem.Model(shapes=STONES, materials=(SOFT,), shape=shape, scale=scale, walls=container if walls else (),
+                      gravity=(0, 0, -300.0))  # fmt: skip
+    turn = rng.normal(size=(count, 4))
+    return model, dem.State.at_rest(model, position, turn, velocity=rng.normal(scale=0.3, size=(count, 3)))
+
+
+def same(a: dem.State, b: dem.State) -> list[str]:
+    """Names of the arrays that differ."""
+    return [name for name, array in a.arrays().items() if array.tobytes() != b.arrays()[name].tobytes()]
+
+
+class TestBits:
+    def test_threads_do_not_matter(self):
+        model, state = falling()
+        ends = [dem.simulate(model, state, until=0.016, threads=threads).state for threads in (1, 2, 3)]
+        assert (ends[0].contact_radius > 0.0).sum() > 20
+        assert (ends[0].wall_contact_radius > 0.0).sum() > 10
+        assert same(ends[0], ends[1]) == []
+        assert same(ends[0], ends[2]) == []
+
+    def test_pieces_do_not_matter(self):
+        model, state = falling(60)
+        whole = dem.simulate(model, state, until=0.01)
+        piece = state
+        for until in (0.0021, 0.0055, 0.01):
+            piece = dem.simulate(model, piece, until=until, dt=whole.dt, report=0.0007).state
+        assert piece.step == whole.state.step
+        assert piece.time == whole.state.time
+        assert same(piece, whole.state) == []
+
+    def test_the_state_given_is_not_changed(self):
+        model, state = falling(30)
+        before = {name: array.copy() for name, array in state.arrays().items()}
+        dem.simulate(model, state, until=0.002)
+        assert all(np.array_equal(before[name], array) for name, array in state.arrays().items())
+        with pytest.raises(ValueError, match="read-only"):
+            state.position[0, 0] = 1.0
+
+
+class TestPairs:
+    @settings(deadline=None, max_examples=25)
+    @given(seed=st.integers(0, 10**6), count=st.integers(2, 120), spread=st.floats(1.0, 8.0))
+    def test_all_near_pairs_of_all_sizes_are_found(self, seed, count, spread):
+        rng = np.random.default_rng(seed)
+        bound = np.exp(rng.uniform(0.0, np.log(spread), count))
+        position = rng.uniform(0.0, 3.0 * count ** (1 / 3), (count, 3))
+        i, j = np.triu_indices(count, 1)
+        near = np.linalg.norm(position[i] - position[j], axis=1) < bound[i] + bound[j] + 0.1
+        assert np.array_equal(near_pairs(position, bound, 0.1), np.stack([i[near], j[near]], axis=1))
+
+    def test_entries_name_the_pairs_of_each_block_in_order(self):
+        pairs = np.array([[0, 2], [0, 3], [1, 2], [2, 3]])
+        first, entries = neighbour_entries(pairs, 5)
+        assert first.tolist() == [0, 2, 3, 6, 8, 8]
+        assert entries.tolist() == [0, 2, 4, 1, 5, 6, 3, 7]
+
+    def test_rows_are_matched(self):
+        old, new = np.array([[0, 1], [0, 4], [2, 3]]), np.array([[0, 4], [1, 2], [2, 3], [3, 4]])
+        there, here = matching_rows(old, new, 5)
+        assert there.tolist() == [1, 2]
+        assert here.tolist() == [0, 2]
+
+    def test_what_is_not_looked_at_does_not_touch(self):
+        # Every pair that GJK finds in contact is one whose force the engine has; the lists are made anew in between.
+        model, state = falling()
+        end = dem.simulate(model, state, until=0.016).state
+        with Engine(model, replace(end, fresh=True), 1e-6, device="cpu") as engine:
+            engine.find_pairs()
+            pair, gap = engine.gaps
+        # Positions are one step ahead of the forces: less than a step's way into one another is not yet a contact.
+        ahead = 2.0 * np.linalg.norm(end.velocity, axis=1).max() * end.clock[2]
+        touching = {tuple(row) for row in pair[gap < -ahead].tolist()}
+        known = {tuple(row) for row in end.pair[end.contact_radius > 0.0].tolist()}
+        assert len(touching) > 10
+        assert touching <= known
+
+
+class TestScales:
+    def test_the_cases_of_the_specification(self):
+        # 55 GPa at 600 kPa: kappa 2165; a tenth: 466. 8e-8 s is below the Rayleigh time of the smallest grain.
+        grain = dem.Shape.sphere(0.00118)
+        model = dem.Model(shapes=(grain,), materials=(dem.TABLE_10,), shape=[0])
+        assert dem.scales(model, 600e3).kappa == pytest.approx(2165, abs=1)
+        softer = dem.Model(shapes=(grain,), materials=(dem.TABLE_10.softened(0.1),), shape=[0])
+        assert dem.scales(softer, 600e3).kappa == pytest.approx(466, abs=1)
+        assert dem.scales(model).rayleigh_time > 8e-8
+        # r sqrt(rho / G) = 1.18 mm / 2825 m/s; pi / (0.1631 0.3 + 0.8766) = 3.394.
+        assert dem.scales(model).rayleigh_time == pytest.approx(3.394 * 0.00118 / 2825.4, rel=1e-3)
+
+    def test_inertial_number_and_pull_off(self):
+        model = dem.Model(shapes=(dem.Shape.sphere(0.005),), materials=(dem.TABLE_10,), shape=[0, 0], scale=[1.0, 0.5])
+        found = dem.scales(model, 600e3, rate=2.0)
+        assert found.inertial_number == pytest.approx(2.0 * 0.01 * np.sqrt(2650 / 600e3))
+        assert found.inertial_number_median == pytest.approx(0.75 * found.inertial_number)
+        radius = 0.00375
+        weight = 2650 * 4 / 3 * np.pi * radius**3 * 9.81
+        assert found.pull_off_to_weight == pytest.approx(3 * np.pi * 0.155 * radius / 2 / weight)
+
+    def test_the_cost_is_that_of_this_machine(self):
+        model = dem.Model(shapes=(dem.Shape.sphere(0.005),), materials=(dem.TABLE_10,), shape=np.zeros(100, int))
+        found = dem.scales(model, 600e3, duration=1.0, threads=1)
+        assert found.steps == np.ceil(1.0 / found.step)
+        assert found.hours == pytest.approx(found.steps * 100 / 3600 / dem_rate(), rel=1e-9)
+        assert "steps, about" in found.text()
+        assert f"kappa {found.kappa:.0f}" in found.text()
+
+
+def dem_rate() -> float:
+    from lithoform.dem.scales import measured_rate
+
+    return measured_rate(1)
