@@ -50,7 +50,7 @@ def same(a: dem.State, b: dem.State) -> list[str]:
 class TestBits:
     def test_threads_do_not_matter(self):
         model, state = falling()
-        ends = [dem.simulate(model, state, until=0.016, threads=threads).state for threads in (1, 2, 3)]
+        ends = [dem.simulate(model, state, until=0.022, threads=threads).state for threads in (1, 2, 3)]
         assert (ends[0].contact_radius > 0.0).sum() > 20
         assert (ends[0].wall_contact_radius > 0.0).sum() > 10
         assert same(ends[0], ends[1]) == []
@@ -101,7 +101,7 @@ class TestPairs:
     def test_what_is_not_looked_at_does_not_touch(self):
         # Every pair that GJK finds in contact is one whose force the engine has; the lists are made anew in between.
         model, state = falling()
-        end = dem.simulate(model, state, until=0.016).state
+        end = dem.simulate(model, state, until=0.022).state
         with Engine(model, replace(end, fresh=True), 1e-6, device="cpu") as engine:
             engine.find_pairs()
             pair, gap = engine.gaps

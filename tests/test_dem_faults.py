@@ -64,7 +64,7 @@ class TestAtTheStart:
 
     def test_a_block_through_a_wall_is_told(self):
         scene = model(1, shapes=(dem.Shape.from_mesh(box()),))
-        with pytest.raises(SimulationError, match="block 0 is deeper in a wall than its rounding"):
+        with pytest.raises(SimulationError, match="block 0 is deeper in a wall than twice its rounding"):
             dem.simulate(scene, dem.State.at_rest(scene, [[0, 0, 0.004]]), until=0.01)
 
     @pytest.mark.parametrize("name", ["position", "orientation", "velocity", "angular_velocity"])

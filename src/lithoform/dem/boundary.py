@@ -167,7 +167,8 @@ def push_of_wall(scene: Scene, i: wp.int32, wall: wp.int32, path: wp.float64) ->
         gap -= scale * wp.log(weights)
     if former == _ZERO and gap >= _ZERO:
         return result
-    if gap < -blocks.margin[i]:
+    # As deep as two blocks may be in one another.
+    if gap < -wp.float64(2.0) * blocks.margin[i]:
         result.flags = TOO_DEEP
         return result
     toward = -axis  # from the block to the wall

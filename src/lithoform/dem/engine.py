@@ -4,28 +4,31 @@ from __future__ import annotations
 
 import ctypes
 import math
+import time
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 
-from lithoform.dem.arrays import CANDIDATES, CHUNK, CYLINDER, PLANE, STALE, Blocks, Pairs, Scene, Walls
+from lithoform.dem.arrays import CHUNK, STALE
 from lithoform.dem.broadphase import matching_rows, near_pairs, neighbour_entries
-from lithoform.dem.contact import PairLaw
-from lithoform.dem.gjk import Hulls, Simplex
+from lithoform.dem.device import build_pairs, build_scene, read_scene, to_array
+from lithoform.dem.gjk import Simplex
 from lithoform.dem.integrate import advance, block_step, pair_step, wall_chunk_step, wall_step
-from lithoform.dem.materials import pair_constants
 from lithoform.dem.model import Model
 from lithoform.dem.narrowphase import pair_gap
-from lithoform.dem.state import FIELDS, State
-from lithoform.dem.walls import Cylinder, Motion, Servo
+from lithoform.dem.state import State
+from lithoform.dem.team import Team
 from lithoform.warp_runtime import default_threads, load, wp
 
 __all__ = ["SKIN", "Engine", "Progress"]
 
 # Pairs nearer than this share of the mean radius are kept in the list.
 SKIN: Final = 0.06
+# What a contact keeps from list to list.
+_HISTORY: Final = ("radius", "spring", "twist", "normal", "force", "torque_first", "torque_second")
 # Steps in one graph on a GPU.
 _GRAPH_STEPS: Final = 16
 
@@ -60,7 +63,7 @@ class Engine:
         self.step, self.lag = state.step, state.lag
         self.clock = state.clock if state.clock[2] == dt else (state.time, state.step, dt)
         self.skin = SKIN * float(model.radius.mean())
-        self.threads = default_threads() if threads is None else threads
+        self._team = Team(default_threads() if threads is None else threads, model.count, fixed=threads is not None)
         self._fresh = state.fresh
         self._pool: ThreadPoolExecutor | None = None
         self._graph: Any = None
@@ -69,8 +72,8 @@ class Engine:
         self.gaps = (np.zeros((0, 2), np.int32), np.zeros(0))
         for kernel in (advance, pair_gap) if device == "cpu" else (pair_step, pair_gap):
             load(kernel.module, device)
-        self.scene = self._scene(state)
-        self._slots(self.threads)
+        self.scene = build_scene(model, state, dt=dt, half_skin=0.5 * self.skin, device=device)
+        self._slots(self._team.most)
 
     @property
     def time(self) -> float:
@@ -128,7 +131,7 @@ class Engine:
         in_contact = np.zeros(len(found), dtype=bool)
         in_contact[here] = history["radius"][there] > 0.0
         # Bounding spheres let many pairs pass: the distance of the cores decides.
-        self.scene.pairs = self._pairs(found, {"simplex": simplex})
+        self.scene.pairs = build_pairs(found, {"simplex": simplex}, self.device)
         gaps = self._gaps(len(found))
         self.gaps = (found, gaps)
         near = (gaps < self.skin) | in_contact
@@ -138,9 +141,9 @@ class Engine:
         for name, values in history.items():
             arrays[name] = np.zeros((len(kept), *values.shape[1:]))
             arrays[name][here] = values[there]
-        self.scene.pairs = self._pairs(kept, arrays)
+        self.scene.pairs = build_pairs(kept, arrays, self.device)
         first, entries = neighbour_entries(kept, self.model.count)
-        blocks.entry_first, blocks.entries = self._array(first, wp.int32), self._array(entries, wp.int32)
+        blocks.entry_first, blocks.entries = (to_array(a, wp.int32, self.device) for a in (first, entries))
         wp.copy(blocks.origin, blocks.position)
         wp.copy(blocks.origin_orientation, blocks.orientation)
         self.scene.blocks = blocks
@@ -150,29 +153,14 @@ class Engine:
 
     def state(self) -> State:
         """The state now, in the memory of the host."""
-        blocks, pairs, walls = self.scene.blocks, self.scene.pairs, self.scene.walls
-        pair = np.stack([pairs.first.numpy(), pairs.second.numpy()], axis=1)
-        simplex = pairs.simplex.numpy()
-        arrays = {
-            **{name: getattr(blocks, name).numpy() for name in _BLOCK_FIELDS},
-            "spin": blocks.angular_velocity.numpy(),
-            **{name: getattr(pairs, source).numpy() for name, source in _PAIR_FIELDS.items()},
-            **{name: getattr(walls, name.removeprefix("wall_")).numpy() for name in _WALL_FIELDS},
-            "wall_contact_radius": walls.radius.numpy(),
-            "wall_contact_force": walls.push.numpy(),
-            "wall_candidates": walls.candidates.numpy().reshape(-1, CANDIDATES),
-            "pair": pair,
-            "simplex": simplex.view(np.int32).reshape(-1, 7),
-        }
-        copies = {name: np.array(array, dtype=FIELDS[name][0]) for name, array in arrays.items()}
-        return State(step=self.step, clock=self.clock, lag=self.lag, fresh=self._fresh, **copies)
+        return State(step=self.step, clock=self.clock, lag=self.lag, fresh=self._fresh, **read_scene(self.scene))
 
     def _launch(self, steps: int, kick: float) -> Progress:
         self.scene.kick = kick
         return self._launch_cpu(steps) if self.device == "cpu" else self._launch_gpu(steps)
 
     def _launch_cpu(self, steps: int) -> Progress:
-        threads = max(1, min(self.threads, math.ceil(self.model.count / CHUNK)))
+        threads, steps = self._team.choose(steps)
         epochs, pair_flags, block_flags, done = self._control
         for array in self._control:
             array.zero_()
@@ -181,12 +169,9 @@ class Engine:
             wp.launch(advance, 1, [self.scene, me, threads, steps, epochs, pair_flags, block_flags, done, _PAUSE],
                       device="cpu")  # fmt: skip
 
-        if threads > 1 and self._pool is None:
-            self._pool = ThreadPoolExecutor(threads - 1, thread_name_prefix="lithoform-dem")
-        others = [self._pool.submit(work, me) for me in range(1, threads)] if self._pool is not None else []
-        work(0)
-        for other in others:
-            other.result()
+        begin = time.perf_counter()
+        self._all_do(work, threads)
+        self._team.note(threads, int(done.numpy()[0]), time.perf_counter() - begin)
         flags = int(np.bitwise_or.reduce(pair_flags.numpy()) | np.bitwise_or.reduce(block_flags.numpy()))
         return Progress(int(done.numpy()[0]), flags)
 
@@ -225,161 +210,28 @@ class Engine:
         if self.device != "cpu" or count < 2 * CHUNK:
             wp.launch(pair_gap, count, [self.scene, self.skin, 0, gaps], device=self.device)
             return gaps.numpy()
-        cuts = np.linspace(0, count, self.threads + 1).astype(int).tolist()
+        cuts = np.linspace(0, count, self._team.most + 1).astype(int).tolist()
 
-        def part(start: int, end: int) -> None:
+        def part(me: int) -> None:
+            start, end = cuts[me], cuts[me + 1]
             wp.launch(pair_gap, end - start, [self.scene, self.skin, start, gaps], device="cpu")
 
-        with ThreadPoolExecutor(self.threads) as pool:
-            list(pool.map(part, cuts[:-1], cuts[1:]))
+        self._all_do(part, self._team.most)
         return gaps.numpy()
+
+    def _all_do(self, work: Callable[[int], None], threads: int) -> None:
+        """Let threads do their parts 0, 1, ... of a work at the same time."""
+        if threads > 1 and self._pool is None:
+            self._pool = ThreadPoolExecutor(self._team.most - 1, thread_name_prefix="lithoform-dem")
+        others = [self._pool.submit(work, me) for me in range(1, threads)] if self._pool is not None else []
+        work(0)
+        for other in others:
+            other.result()
 
     def _slots(self, threads: int) -> None:
         """Words that threads tell each other by, each 64 bytes from the next."""
         size = 16 * max(threads, 1)
         self._control = [wp.zeros(size, dtype=wp.int32, device=self.device) for _ in range(4)]
-
-    def _array(self, values: Any, dtype: Any) -> Any:
-        return wp.array(np.ascontiguousarray(values), dtype=dtype, device=self.device)
-
-    def _scene(self, state: State) -> Any:
-        scene = Scene()
-        scene.dt = self.dt
-        scene.gravity = wp.vec3d(*self.model.gravity)
-        scene.damping = self.model.local_damping
-        scene.half_skin = 0.5 * self.skin
-        scene.materials = len(self.model.materials)
-        scene.laws = self._laws()
-        scene.hulls = self._hulls()
-        scene.blocks = self._blocks(state)
-        scene.pairs = self._pairs(state.pair, {
-            "simplex": np.ascontiguousarray(state.simplex).view(Simplex.numpy_dtype()).ravel(),
-            **{source: getattr(state, name) for name, source in _PAIR_FIELDS.items()},
-        })  # fmt: skip
-        scene.walls = self._walls(state)
-        return scene
-
-    def _laws(self) -> Any:
-        materials = self.model.materials
-        laws = []
-        for a, first in enumerate(materials):
-            for b, second in enumerate(materials):
-                given = self.model.pairs.get((a, b), self.model.pairs.get((b, a)))
-                law = PairLaw()
-                for name, value in pair_constants(first, second, given).items():
-                    setattr(law, name, value)
-                laws.append(law)
-        return wp.array(laws, dtype=PairLaw, device=self.device)
-
-    def _hulls(self) -> Any:
-        cores = [shape.core for shape in self.model.shapes]
-        first = np.cumsum([0, *(len(core.vertices) for core in cores)])
-        starts, entries, total = [], [], 0
-        for core in cores:
-            begin, neighbours = core.adjacency
-            starts.append(begin[:-1] + total)
-            entries.append(neighbours)
-            total += len(neighbours)
-        hulls = Hulls()
-        hulls.vertices = self._array(np.concatenate([core.vertices for core in cores]), wp.vec3d)
-        hulls.first = self._array(first.astype(np.int32), wp.int32)
-        hulls.adjacency_first = self._array(np.concatenate([*starts, [total]]).astype(np.int32), wp.int32)
-        # An empty array would be no array: spheres have no neighbours.
-        hulls.adjacency = self._array(np.concatenate([*entries, [0]]).astype(np.int32), wp.int32)
-        return hulls
-
-    def _blocks(self, state: State) -> Any:
-        model, blocks = self.model, Blocks()
-        for name in ("shape", "material"):
-            setattr(blocks, name, self._array(getattr(model, name), wp.int32))
-        for name, values in (("scale", model.scale), ("mass", model.mass), ("radius", model.radius),
-                             ("bound", model.bounding_radius), ("margin", model.margin)):  # fmt: skip
-            setattr(blocks, name, self._array(values, wp.float64))
-        blocks.inertia = self._array(model.inertia, wp.vec3d)
-        blocks.angular_velocity = self._array(state.spin, wp.vec3d)
-        for name in _BLOCK_FIELDS:
-            dtype = wp.quatd if "orientation" in name else wp.float64 if name == "travel" else wp.vec3d
-            setattr(blocks, name, self._array(getattr(state, name), dtype))
-        blocks.flags = wp.zeros(model.count, dtype=wp.int32, device=self.device)
-        first, entries = neighbour_entries(state.pair, model.count)
-        blocks.entry_first, blocks.entries = self._array(first, wp.int32), self._array(entries, wp.int32)
-        return blocks
-
-    def _pairs(self, pair: np.ndarray, given: dict[str, np.ndarray]) -> Any:
-        pairs = Pairs()
-        count = len(pair)
-        pairs.first, pairs.second = (self._array(pair[:, side].astype(np.int32), wp.int32) for side in (0, 1))
-        for name, dtype in (("simplex", Simplex), ("limit", wp.float64), ("radius", wp.float64), ("spring", wp.vec3d),
-                            ("twist", wp.vec3d), ("normal", wp.vec3d), ("force", wp.vec3d), ("torque_first", wp.vec3d),
-                            ("torque_second", wp.vec3d), ("flags", wp.int32)):  # fmt: skip
-            empty = wp.zeros(count, dtype=dtype, device=self.device)
-            setattr(pairs, name, self._array(given[name], dtype) if name in given and count else empty)
-        return pairs
-
-    def _walls(self, state: State) -> Any:
-        model, walls = self.model, Walls()
-        count = len(model.walls)
-        motions = [wall.motion if isinstance(wall.motion, Motion) else Motion() for wall in model.walls]
-        servos = [wall.motion if isinstance(wall.motion, Servo) else None for wall in model.walls]
-        walls.count = count
-        integers = {
-            "kind": [CYLINDER if isinstance(wall, Cylinder) else PLANE for wall in model.walls],
-            "material": [wall.material for wall in model.walls],
-            "nutates": [motion.nutates for motion in motions],
-            "servo": [servo is not None for servo in servos],
-            "candidates": state.wall_candidates.ravel(),
-            "candidate_count": state.wall_candidate_count,
-        }
-        numbers = {
-            "cylinder_radius": [getattr(wall, "radius", 0.0) for wall in model.walls],
-            "pace": [math.hypot(*motion.velocity) for motion in motions],
-            "turning": [math.hypot(*motion.angular_velocity) for motion in motions],
-            "servo_force": [servo.force if servo else 0.0 for servo in servos],
-            "servo_mass": [servo.mass if servo else 1.0 for servo in servos],
-            "servo_rate": [1.0 / servo.time if servo else 0.0 for servo in servos],
-            "servo_speed": [servo.max_speed if servo else 0.0 for servo in servos],
-            "speed": state.wall_speed,
-            "work": state.wall_work,
-            "budget": state.wall_budget,
-            "radius": state.wall_contact_radius,
-            "power": np.zeros(model.count * count),
-            "chunk_power": np.zeros(math.ceil(model.count / CHUNK) * count),
-        }
-        vectors = {
-            "point": state.wall_point,
-            "direction": state.wall_direction,
-            "velocity": [motion.velocity for motion in motions],
-            "angular_velocity": [motion.angular_velocity for motion in motions],
-            "pivot": state.wall_pivot,
-            "force": state.wall_force,
-            "spring": state.wall_spring,
-            "twist": state.wall_twist,
-            "push": state.wall_contact_force,
-            "chunk_force": np.zeros((math.ceil(model.count / CHUNK) * count, 3)),
-        }
-        for group, kind, dtype in ((integers, np.int32, wp.int32), (numbers, np.float64, wp.float64)):
-            for name, values in group.items():
-                setattr(walls, name, self._array(np.asarray(values, dtype=kind), dtype))
-        for name, values in vectors.items():
-            setattr(walls, name, self._array(np.asarray(values, dtype=np.float64).reshape(-1, 3), wp.vec3d))
-        walls.turn = self._array(np.array([_turn(motion, self.dt) for motion in motions]).reshape(-1, 3, 3), wp.mat33d)
-        return walls
-
-
-_BLOCK_FIELDS = ("position", "orientation", "velocity", "angular_momentum", "force", "torque", "travel", "origin",
-                 "origin_orientation")  # fmt: skip
-_PAIR_FIELDS = {"limit": "limit", "contact_radius": "radius", "spring": "spring", "twist": "twist", "normal": "normal",
-                "contact_force": "force"}  # fmt: skip
-_HISTORY = ("radius", "spring", "twist", "normal", "force", "torque_first", "torque_second")
-_WALL_FIELDS = ("wall_point", "wall_direction", "wall_pivot", "wall_speed", "wall_force", "wall_work",
-                "wall_candidate_count", "wall_budget", "wall_spring", "wall_twist")  # fmt: skip
-
-
-def _turn(motion: Motion, dt: float) -> np.ndarray:
-    """Rotation of one step."""
-    from scipy.spatial.transform import Rotation
-
-    return Rotation.from_rotvec(np.array(motion.angular_velocity) * dt).as_matrix()
 
 
 def _address_of_usleep() -> int:

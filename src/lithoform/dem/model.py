@@ -146,7 +146,7 @@ class Model:
 
     @cached_property
     def fingerprint(self) -> str:
-        """SHA-256 of the blocks: of what a checkpoint must agree with."""
+        """SHA-256 of the shapes, the blocks and the materials: of what a checkpoint must agree with."""
         digest = hashlib.sha256()
         for shape in self.shapes:
             for array in (shape.core.vertices, shape.core.faces, shape.inertia):

@@ -131,7 +131,7 @@ def simulate(
         raise SceneError(f"expected a positive time between reports, got {report!r}.")
     _check_state(model, state)
     end = state.step + max(0, math.ceil((until - state.time) / dt - 1e-6))
-    every = end - state.step if report is None else max(1, round(report / dt))
+    every = 0 if report is None else max(1, round(report / dt))
     rows, monitor = _Rows(), EnergyMonitor()
     begin = clock.perf_counter()
     saved = begin
@@ -159,7 +159,7 @@ def simulate(
         batch, ended = 16, False
         try:
             while engine.step < end and not ended:
-                next_report = min(end, (engine.step // every + 1) * every) if every else end
+                next_report = end if report is None else min(end, (engine.step // every + 1) * every)
                 asked = min(batch, next_report - engine.step)
                 launched = clock.perf_counter()
                 made = engine.run(asked)

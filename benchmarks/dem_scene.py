@@ -1,0 +1,75 @@
+"""The scene of the benchmarks: stones between 4.75 and 9.5 mm, pressed to 600 kPa in a mould."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from lithoform import dem, generate
+from lithoform.presets import database_recipe
+
+CLASSES = ("cube", "plate", "column", "blade")
+PRESSURE = 600e3
+# Softer by the same factor as the load is less, the assembly deforms as much and is made in a tenth of the steps.
+SOFTER = 0.1
+# Gravity while the stones fall into the mould [m/s^2].
+FALL = 30.0
+
+
+def stones(count: int, *, triangles: int = 20_000) -> tuple[dem.Shape, ...]:
+    """Shapes of the database setting, with full hulls."""
+    recipes = (database_recipe(CLASSES[k % 4], seed=k, triangles=triangles) for k in range(count))
+    return tuple(dem.Shape.from_mesh(generate(recipe).mesh) for recipe in recipes)
+
+
+def scene(count: int, shapes: tuple[dem.Shape, ...], *, seed: int = 3) -> tuple[dem.Model, dem.State]:
+    """Stones on a lattice, turned at random, above the floor of a mould that they will fill about as high as wide."""
+    rng = np.random.default_rng(seed)
+    low, high = 4.75e-3, 9.5e-3
+    # Even in mass over the logarithm of size.
+    diameter = (low**-3 + rng.uniform(size=count) * (high**-3 - low**-3)) ** (-1.0 / 3.0)
+    shape = rng.integers(0, len(shapes), count)
+    scale = 0.5 * diameter / np.array([s.radius for s in shapes])[shape]
+    model = dem.Model(shapes=shapes, materials=(dem.TABLE_10.softened(0.1),), shape=shape, scale=scale)
+    mould = (model.volume.sum() / 0.55 / (2.0 * math.pi)) ** (1.0 / 3.0)
+    cell = 2.02 * float(model.bounding_radius.max())
+    across = math.floor(2.0 * (mould - 0.5 * cell) / cell) + 1
+    line = (np.arange(across) - 0.5 * (across - 1)) * cell
+    x, y = (a.ravel() for a in np.meshgrid(line, line))
+    inside = np.hypot(x, y) <= mould - 0.5 * cell
+    layer = np.stack([x[inside], y[inside]], axis=1)
+    number = np.arange(count)
+    height = (number // len(layer) + 0.51) * cell
+    position = np.column_stack([layer[number % len(layer)], height])
+    walls = (dem.Plane(point=(0, 0, 0), normal=(0, 0, 1)), dem.Cylinder(radius=mould))
+    model = replace(model, walls=walls)
+    turn = Rotation.random(count, random_state=seed).as_quat()
+    return model, dem.State.at_rest(model, position, turn, velocity=np.tile([0.0, 0.0, -1.0], (count, 1)))
+
+
+def pressed(count: int, shapes: tuple[dem.Shape, ...]) -> tuple[dem.Model, dem.State]:
+    """The scene under a platen at 600 kPa: a dense packing at rest but for the last creep."""
+    model, state = scene(count, shapes)
+    soft = replace(model, materials=(model.materials[0].softened(SOFTER),), gravity=(0.0, 0.0, -FALL))
+    top = float(state.position[:, 2].max())
+    fall = math.sqrt(2.0 * top / FALL) + 0.05
+    state = dem.simulate(replace(soft, local_damping=0.3), state, until=fall).state
+    mould = next(wall.radius for wall in model.walls if isinstance(wall, dem.Cylinder))
+    force = PRESSURE * math.pi * mould**2
+    lid = float((state.position[:, 2] + model.bounding_radius).max())
+
+    def under(base: dem.Model, load: float, height: float) -> dem.Model:
+        servo = dem.Servo(force=load, mass=0.5 * float(model.mass.sum()), time=2e-3, max_speed=1.0)
+        platen = dem.Plane(point=(0.0, 0.0, height), normal=(0.0, 0.0, -1.0), motion=servo)
+        return base.with_walls(*base.walls[:2], platen)
+
+    def holds(_: dem.Model, now: dem.State) -> bool:
+        return abs(now.wall_force[2, 2] / (SOFTER * force) - 1.0) < 0.1 and abs(now.wall_speed[2]) < 0.02
+
+    press = under(replace(soft, gravity=(0.0, 0.0, -9.81)), SOFTER * force, lid)
+    state = dem.simulate(press, state.with_walls_of(press), until=state.time + 0.3, report=1e-3, stop=holds).state
+    hard = under(model, force, float(state.wall_point[2, 2]))
+    return hard, dem.simulate(hard, state.with_walls_of(hard), until=state.time + 1e-3).state
