@@ -6,9 +6,10 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from lithoform import dem, generate
+from lithoform.packing.container import Container
+from lithoform.packing.placing import insert, random_attitudes
 from lithoform.presets import database_recipe
 
 CLASSES = ("cube", "plate", "column", "blade")
@@ -26,7 +27,7 @@ def stones(count: int, *, triangles: int = 20_000) -> tuple[dem.Shape, ...]:
 
 
 def scene(count: int, shapes: tuple[dem.Shape, ...], *, seed: int = 3) -> tuple[dem.Model, dem.State]:
-    """Stones on a lattice, turned at random, above the floor of a mould that they will fill about as high as wide."""
+    """Stones let down into a mould that they will fill about as high as wide, in random attitudes."""
     rng = np.random.default_rng(seed)
     low, high = 4.75e-3, 9.5e-3
     # Even in mass over the logarithm of size.
@@ -35,19 +36,11 @@ def scene(count: int, shapes: tuple[dem.Shape, ...], *, seed: int = 3) -> tuple[
     scale = 0.5 * diameter / np.array([s.radius for s in shapes])[shape]
     model = dem.Model(shapes=shapes, materials=(dem.TABLE_10.softened(0.1),), shape=shape, scale=scale)
     mould = (model.volume.sum() / 0.55 / (2.0 * math.pi)) ** (1.0 / 3.0)
-    cell = 2.02 * float(model.bounding_radius.max())
-    across = math.floor(2.0 * (mould - 0.5 * cell) / cell) + 1
-    line = (np.arange(across) - 0.5 * (across - 1)) * cell
-    x, y = (a.ravel() for a in np.meshgrid(line, line))
-    inside = np.hypot(x, y) <= mould - 0.5 * cell
-    layer = np.stack([x[inside], y[inside]], axis=1)
-    number = np.arange(count)
-    height = (number // len(layer) + 0.51) * cell
-    position = np.column_stack([layer[number % len(layer)], height])
+    container = Container.parse(f"cylinder:{2e3 * mould}mm:1m")
+    position = insert(model.bounding_radius, container, rng)
     walls = (dem.Plane(point=(0, 0, 0), normal=(0, 0, 1)), dem.Cylinder(radius=mould))
     model = replace(model, walls=walls)
-    turn = Rotation.random(count, random_state=seed).as_quat()
-    return model, dem.State.at_rest(model, position, turn, velocity=np.tile([0.0, 0.0, -1.0], (count, 1)))
+    return model, dem.State.at_rest(model, position, random_attitudes(count, rng))
 
 
 def pressed(count: int, shapes: tuple[dem.Shape, ...]) -> tuple[dem.Model, dem.State]:
@@ -55,7 +48,7 @@ def pressed(count: int, shapes: tuple[dem.Shape, ...]) -> tuple[dem.Model, dem.S
     model, state = scene(count, shapes)
     soft = replace(model, materials=(model.materials[0].softened(SOFTER),), gravity=(0.0, 0.0, -FALL))
     top = float(state.position[:, 2].max())
-    fall = math.sqrt(2.0 * top / FALL) + 0.05
+    fall = math.sqrt(2.0 * 0.6 * top / FALL) + 0.02
     state = dem.simulate(replace(soft, local_damping=0.3), state, until=fall).state
     mould = next(wall.radius for wall in model.walls if isinstance(wall, dem.Cylinder))
     force = PRESSURE * math.pi * mould**2

@@ -122,6 +122,21 @@ MAY_IMPORT: dict[str, set[str]] = {
     },
     # specimens: never the database
     "dem": {"atomic", "errors", "lazy", "mesh", "progress", "topology", "warp_runtime"},
+    "packing": {
+        "atomic",
+        "database",
+        "dem",
+        "errors",
+        "gradation",
+        "locking",
+        "mesh",
+        "mesh_io",
+        "parallel",
+        "progress",
+        "scans",
+        "seeds",
+        "sidecar",
+    },
     "compaction": {"dem", "errors", "mesh"},
     "export": {"dem", "errors", "mesh"},
     # results in, pictures and pages out; nothing is computed anew

@@ -23,6 +23,7 @@ from lithoform.cli.laboratory import laboratory
 from lithoform.cli.matching import match
 from lithoform.cli.measuring import measure, picture
 from lithoform.cli.output import drop_output, one_line, open_output, say
+from lithoform.cli.packing import pack
 from lithoform.cli.reproducing import reproduce
 from lithoform.cli.sensitivity import sensitivity
 from lithoform.errors import LithoformError, RecipeError
@@ -39,7 +40,8 @@ app = App(
     suppress_keyboard_interrupt=False,  # `main` tells it
 )
 for _command in (
-    generate, check, measure, laboratory, picture, database, compare, match, sensitivity, design, explore, reproduce,
+    generate, check, measure, laboratory, pack, picture, database, compare, match, sensitivity, design, explore,
+    reproduce,
 ):  # fmt: skip
     app.command(_command)
 

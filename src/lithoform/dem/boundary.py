@@ -183,7 +183,7 @@ def push_of_wall(scene: Scene, i: wp.int32, wall: wp.int32, path: wp.float64) ->
     velocity = blocks.velocity[i] + wp.cross(spin, arm) - at_wall
     law = scene.laws[blocks.material[i] * scene.materials + walls.material[wall]]
     now = touch(law, -gap, blocks.radius[i], blocks.mass[i], toward, velocity, spin - rotation,
-                _HALF * wp.dot(spin + rotation, toward), walls.spring[h], walls.twist[h], former, scene.dt)  # fmt: skip
+                _HALF * (spin + rotation), walls.spring[h], walls.twist[h], former, scene.dt)  # fmt: skip
     walls.radius[h] = now.radius
     walls.spring[h] = now.spring
     walls.twist[h] = now.twist

@@ -7,7 +7,9 @@ What goes beyond the letter of Table 8, and why:
 - The tangential and the rolling spring are kept as force and moment.  When the contact grows they stay, when it shrinks
   they shrink with it: a spring whose stiffness follows the normal force would otherwise make energy (Thornton, Cummins
   and Cleary 2011, Powder Technol. 210:189).
-- They turn with the contact: onto the new tangent plane without loss, and with the bodies' mean spin about the normal.
+- The tangential spring turns with the contact: onto the new tangent plane without loss, and with the bodies' mean spin
+  about the normal.  The rolling spring turns with the bodies' mean spin.  It takes the whole relative rotation, as
+  eq. 35 is printed: else nothing would stop a block that spins on one point.
 - The tangential force, damping included, is at most the limit of sliding.
 - The rolling spring is damped like the tangential one, within its limit: without, a block on its flat side would rock
   for ever.
@@ -81,7 +83,7 @@ def touch(
     normal: wp.vec3d,
     velocity: wp.vec3d,
     rotation: wp.vec3d,
-    spin: wp.float64,
+    spin: wp.vec3d,
     spring: wp.vec3d,
     twist: wp.vec3d,
     former: wp.float64,
@@ -98,7 +100,7 @@ def touch(
     velocity, rotation
         Of A relative to B at the contact point [m/s], [rad/s].
     spin
-        Mean angular velocity of both about the normal [rad/s].
+        Mean angular velocity of both [rad/s].
     spring, twist, former
         What the contact remembers: tangential force [N], rolling moment [N m], contact radius [m].
     """
@@ -116,7 +118,7 @@ def touch(
     damping = law.damping * wp.sqrt(wp.float64(2.0) * law.modulus * a * mass) * approach
 
     slip = velocity - normal * approach
-    held = _turned(spring * shrinks, normal, spin * dt) - slip * (stiffness * dt)
+    held = _turned(spring * shrinks, normal, wp.dot(spin, normal) * dt) - slip * (stiffness * dt)
     size = wp.length(held)
     most = law.sliding * limit
     if size > most:
@@ -127,13 +129,13 @@ def touch(
     if size > most:
         dragged = dragged * (most / size)
 
-    rolls = rotation - normal * wp.dot(rotation, normal)
-    kept = _turned(twist * shrinks, normal, spin * dt) - rolls * (stiffness * radius * radius * dt)
+    # The moment turns with the bodies; it resists all of their relative rotation, spinning on the spot too.
+    kept = (twist + wp.cross(spin, twist) * dt) * shrinks - rotation * (stiffness * radius * radius * dt)
     size = wp.length(kept)
     most = law.rolling * radius * limit
     if size > most:
         kept = kept * (most / size)
-    damped = kept - rolls * (law.damping * radius * radius * wp.sqrt(stiffness * mass))
+    damped = kept - rotation * (law.damping * radius * radius * wp.sqrt(stiffness * mass))
     size = wp.length(damped)
     if size > most:
         damped = damped * (most / size)

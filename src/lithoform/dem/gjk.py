@@ -85,7 +85,7 @@ def support(hulls: Hulls, first: wp.int32, start: wp.int32, direction: wp.vec3d)
     """Farthest vertex of a hull in a direction (its number within the shape), climbing from vertex `start`."""
     best = start
     height = wp.dot(hulls.vertices[first + start], direction)
-    climbing = bool(True)  # noqa: UP018  Warp: a variable, not a constant
+    climbing = bool(True)
     while climbing:
         here = best
         for edge in range(hulls.adjacency_first[first + here], hulls.adjacency_first[first + here + 1]):
@@ -260,24 +260,32 @@ def gjk(
     complete = wp.int32(1)
     overlap = wp.int32(0)
     iterations = wp.int32(0)
-    searching = bool(True)  # noqa: UP018
+    polishing = bool(False)
+    searching = bool(True)
     back = wp.transpose(rotation)
     while searching:
-        weights = _nearest_weights(w, count)
-        kept = wp.int32(0)
-        separation = wp.vec3d(_ZERO, _ZERO, _ZERO)
-        point = wp.vec3d(_ZERO, _ZERO, _ZERO)
-        for k in range(count):
-            if weights[k] > _ZERO:
-                separation += weights[k] * w[k]
-                point += weights[k] * pa[k]
-                if kept != k:
-                    w[kept] = w[k]
-                    pa[kept] = pa[k]
-                    ia[kept] = ia[k]
-                    ib[kept] = ib[k]
-                kept += 1
-        count = kept
+        if polishing:
+            # Of a triangle as thin as those of needles the weights are not enough: what lies in its plane is taken off.
+            normal = wp.cross(w[1] - w[0], w[2] - w[0])
+            area = wp.dot(normal, normal)
+            if area > _ZERO:
+                separation = normal * (wp.dot(normal, separation) / area)
+        else:
+            weights = _nearest_weights(w, count)
+            kept = wp.int32(0)
+            separation = wp.vec3d(_ZERO, _ZERO, _ZERO)
+            point = wp.vec3d(_ZERO, _ZERO, _ZERO)
+            for k in range(count):
+                if weights[k] > _ZERO:
+                    separation += weights[k] * w[k]
+                    point += weights[k] * pa[k]
+                    if kept != k:
+                        w[kept] = w[k]
+                        pa[kept] = pa[k]
+                        ia[kept] = ia[k]
+                        ib[kept] = ib[k]
+                    kept += 1
+            count = kept
         square = wp.dot(separation, separation)
         iterations += 1
         if count == 0 or square == _ZERO:
@@ -307,16 +315,20 @@ def gjk(
             along = wp.dot(separation, q)
             if along > _ZERO:
                 lower = wp.max(lower, along / wp.sqrt(square))
-            known = bool(False)  # noqa: UP018
+            known = bool(False)
             for k in range(count):
                 if ia[k] == na and ib[k] == nb:
                     known = True
-            if known or square - along <= _RELATIVE * square:
+            if square - along <= _RELATIVE * square:
                 searching = False
+            elif known:
+                searching = count == 3 and not polishing
+                polishing = True
             elif lower > far and lower * lower * _F(4.0) > square:
                 complete = wp.int32(0)
                 searching = False
             else:
+                polishing = False
                 w[count] = q
                 pa[count] = p
                 ia[count] = na
@@ -356,7 +368,7 @@ def distance_pairs(
     separation: wp.array(dtype=wp.vec3d),
     overlap: wp.array(dtype=wp.int32),
     iterations: wp.array(dtype=wp.int32),
-):
+) -> None:
     """Nearest points of pairs of cores: point of the first less point of the second, in the world's frame."""
     p = wp.tid()
     i = pairs[p][0]

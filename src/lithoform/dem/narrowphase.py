@@ -59,7 +59,7 @@ def evaluate_pair(scene: Scene, p: wp.int32) -> wp.int32:
     radius = blocks.radius[i] * blocks.radius[j] / (blocks.radius[i] + blocks.radius[j])
     mass = blocks.mass[i] * blocks.mass[j] / (blocks.mass[i] + blocks.mass[j])
     law = scene.laws[blocks.material[i] * scene.materials + blocks.material[j]]
-    now = touch(law, -gap, radius, mass, normal, velocity, spin_i - spin_j, _HALF * wp.dot(spin_i + spin_j, normal),
+    now = touch(law, -gap, radius, mass, normal, velocity, spin_i - spin_j, _HALF * (spin_i + spin_j),
                 pairs.spring[p], pairs.twist[p], former, scene.dt)  # fmt: skip
     pairs.radius[p] = now.radius
     pairs.spring[p] = now.spring

@@ -150,16 +150,17 @@ def measured_rate(threads: int | None = None) -> float:
     from lithoform.mesh import Mesh
     from lithoform.topology import sphere
 
-    # Ellipsoids of 642 vertices in a simple cubic lattice, pressed 1e-4 into one another: three contacts a block, which
-    # is about what a packing under pressure has.
-    ball = sphere("icosahedral", 8)
-    shape = Shape.from_mesh(Mesh(0.005 * ball.vertices, ball.faces))
-    side = 8
-    grid = np.stack(np.meshgrid(*[np.arange(side)] * 3, indexing="ij"), axis=-1).reshape(-1, 3) * 0.009999
+    # Ellipsoids of 578 vertices in layers of a lattice, pressed 1e-3 into one another: two contacts a block of its own,
+    # which is what a packing under pressure has.  Next to no time passes, so that they stay there.
+    ball = sphere("octahedral", 12)
+    mesh = Mesh(ball.vertices * [0.005, 0.0047, 0.0044], ball.faces)
+    shape = Shape.from_mesh(mesh)
+    cell = 2.0 * mesh.vertices.max(axis=0) * [1.0 - 1e-3, 1.0 - 1e-3, 1.01]
+    grid = np.stack(np.meshgrid(*[np.arange(8)] * 3, indexing="ij"), axis=-1).reshape(-1, 3) * cell
     soft = TABLE_10.softened(0.1)
     model = Model(shapes=(shape,), materials=(soft,), shape=np.zeros(len(grid), int), gravity=(0.0, 0.0, 0.0))
-    with Engine(model, State.at_rest(model, grid), 0.05 * rayleigh_time(shape.radius, soft), device="cpu",
-                threads=threads) as engine:  # fmt: skip
+    turn = np.tile(shape.orientation, (len(grid), 1))
+    with Engine(model, State.at_rest(model, grid, turn), 1e-15, device="cpu", threads=threads) as engine:
         engine.run(1)
         engine.run(20)
         begin = time.perf_counter()

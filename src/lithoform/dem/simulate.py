@@ -156,7 +156,7 @@ def simulate(
         if state.fresh:
             engine.find_pairs()
             refuse_overlaps(model, *engine.gaps)
-        batch, ended = 16, False
+        batch, ended, looked = 16, False, False
         try:
             while engine.step < end and not ended:
                 next_report = end if report is None else min(end, (engine.step // every + 1) * every)
@@ -167,6 +167,10 @@ def simulate(
                 if made.flags:
                     raise fault_of(engine, made.flags)
                 advance(made.steps)
+                if not looked:
+                    # After the first step, since the contacts of blocks that are put down are not yet known before.
+                    now, looked = engine.state(), True
+                    monitor.look(energy(model, now), now.time)
                 if interrupted():
                     raise KeyboardInterrupt
                 if made.steps == asked == batch:

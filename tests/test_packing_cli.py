@@ -1,0 +1,274 @@
+"""`lithoform pack` from meshes and databases to the files, stopped and gone on with, and what it refuses."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import signal
+import stat
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from cyclopts import App
+from wavy import is_drawn, stone
+
+from lithoform.cli.packing import pack
+from lithoform.database.building import Measures, build
+from lithoform.errors import FileFormatError, LithoformError, OutputError, RecipeError, SceneError
+from lithoform.figures.packing import Bed, packing_figure
+from lithoform.mesh_io import write_mesh
+from lithoform.planning import Plan
+
+FORMS = ((1.0, 1.0, 1.0), (1.3, 1.0, 1.0), (1.0, 1.2, 1.4), (0.8, 1.0, 1.6), (1.1, 1.1, 0.9))
+SMALL = ("--container", "cylinder:60mm:60mm", "--count", "24", "--stiffness-factor", "0.001", "--device", "cpu")
+
+
+def run(*words: str) -> int:
+    """Run the command; an option given twice counts as given last."""
+    given = [*words]
+    for option in ("--container", "--count", "--seed", "--threads"):
+        while given.count(option) > 1:
+            at = given.index(option)
+            del given[at : at + 2]
+    app = App()
+    app.default(pack)
+    return app(given, exit_on_error=False, print_error=False, result_action="return_value")
+
+
+@pytest.fixture(scope="module")
+def stones(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("packing") / "stones"
+    folder.mkdir()
+    body = stone(0.15, scale=0.006, n=6)
+    for i, form in enumerate(FORMS):
+        write_mesh(folder / f"{i}.stl", body.with_vertices(body.vertices * form))
+    (folder / "notes.txt").write_text("no stone")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def packed(stones) -> Path:
+    out = stones.parent / "packed"
+    assert run(str(stones), *SMALL, "--out", str(out), "--threads", "1", "--seed", "3") == 0
+    return out
+
+
+def test_a_folder_of_meshes_is_packed(packed):
+    told = json.loads((packed / "packing.json").read_text())
+    results = told["results"]
+    assert told["finished"]
+    assert results["at_rest"]
+    assert (results["stones"], results["different_stones"], results["below_the_rim"]) == (24, 5, 24)
+    assert 0.2 < results["packing_density"] < 0.65
+    assert 1.0 < results["coordination_number"] < 8.0
+    assert results["coordination_with_walls"] > results["coordination_number"]
+    rows = (packed / "blocks.csv").read_text().splitlines()
+    assert len(rows) == 25
+    table = pq.read_table(packed / "table.parquet")
+    assert table["step"][-1].as_py() == results["steps"]
+    assert table.schema.field("height").metadata == {b"unit": b"m"}
+    assert table["height"][-1].as_py() == pytest.approx(results["height_m"])
+    assert not (packed / "progress.json").exists()
+
+
+def test_the_files_are_those_that_paraview_opens(packed):
+    pyvista = pytest.importorskip("pyvista")
+    steps = json.loads((packed / "packing.json").read_text())["results"]["steps"]
+    (last,) = (packed / "vtk_meshes").glob("blocks_*.vtp")
+    assert int(last.stem.split("_")[1]) == steps
+    surface = pyvista.read(last)
+    assert surface.n_cells == 24 * 288
+    # The volume of the stones, as the table has it.
+    volumes = [float(line.split(",")[13]) for line in (packed / "blocks.csv").read_text().splitlines()[1:]]
+    assert surface.volume == pytest.approx(sum(volumes), rel=1e-4)
+    series = sorted((packed / "vtk").glob("blocks_*.vtp"))
+    assert len(series) > 4
+    assert series[0].name == "blocks_000000000.vtp"
+    assert len(list((packed / "vtk").glob("contacts_*.vtp"))) == len(series)
+
+
+def test_the_picture_shows_them(packed, drawing):
+    image = pytest.importorskip("PIL.Image")
+    picture = np.asarray(image.open(packed / "packing.png").convert("RGB"))
+    assert picture.shape[0] > 800
+    assert is_drawn(picture[:, : picture.shape[1] // 2]).mean() > 0.3
+
+
+def test_the_same_seed_gives_the_same_bytes_on_any_number_of_threads(packed, stones, tmp_path, capsys):
+    out = tmp_path / "again"
+    words = [str(stones), *SMALL, "--out", str(out), "--threads", "2", "--seed", "3", "--no-vtk", "--json"]
+    assert run(*words) == 0
+    told = json.loads(capsys.readouterr().out)
+    for name in ("blocks.csv", "packing.checkpoint"):
+        assert (out / name).read_bytes() == (packed / name).read_bytes(), name
+    assert {"packing_density", "coordination_number", "steps", "seconds", "out"} <= told.keys()
+    assert any("Young's modulus 55 MPa instead of 55,000 MPa" in line for line in told["notes"])
+    assert any(line.startswith("Scales") for line in told["notes"])
+    assert not (out / "vtk").exists()
+    # A finished one is told again, not made again.
+    before = (out / "blocks.csv").stat().st_mtime_ns
+    assert run(*words, "--resume") == 0
+    assert json.loads(capsys.readouterr().out)["packing_density"] == told["packing_density"]
+    assert (out / "blocks.csv").stat().st_mtime_ns == before
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Ctrl-C is a signal")
+def test_interrupted_and_resumed_it_is_the_same(packed, stones, tmp_path, capsys):
+    out = tmp_path / "resumed"
+    words = [str(stones), *SMALL, "--out", str(out), "--threads", "1", "--seed", "3"]
+
+    def interrupt() -> None:
+        for _ in range(6000):
+            with contextlib.suppress(OSError, ValueError):
+                if len(json.loads((out / "progress.json").read_bytes())["rows"]) > 8:
+                    break
+            time.sleep(0.01)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    thread = threading.Thread(target=interrupt)
+    thread.start()
+    try:
+        status = run(*words)
+    finally:
+        thread.join()
+    assert status == 130
+    assert "--resume goes on with" in capsys.readouterr().err
+    assert json.loads((out / "packing.json").read_text())["finished"] is False
+    with pytest.raises(OutputError, match="--resume goes on"):
+        run(*words)
+    with pytest.raises(OutputError, match=r"other settings \(seed differ\)"):
+        run(*words[:-1], "4", "--resume")
+    assert run(*words, "--resume") == 0
+    for name in ("blocks.csv", "table.parquet", "packing.checkpoint", "vtk/blocks.pvd", "packing.png"):
+        if (packed / name).exists():
+            assert (out / name).read_bytes() == (packed / name).read_bytes(), name
+    assert sorted(p.name for p in (out / "vtk").iterdir()) == sorted(p.name for p in (packed / "vtk").iterdir())
+
+
+def test_a_run_that_is_cut_short_says_so(stones, tmp_path, capsys):
+    words = [str(stones), *SMALL, "--out", str(tmp_path / "p"), "--until", "0.002", "--no-vtk"]
+    assert run(*words) == 0
+    assert "not yet at rest" in capsys.readouterr().out
+    with pytest.raises(OutputError, match="holds a packing: --overwrite replaces it"):
+        run(*words)
+    assert run(*words, "--overwrite") == 0
+
+
+def test_stones_that_do_not_fit_are_counted(stones, tmp_path, capsys):
+    """Fewer than the most that any packing holds, but too many for loose stones; they are seen before they fall."""
+    words = [str(stones), "--container", "box:40mm:40mm:20mm", "--count", "16", "--stiffness-factor", "0.001"]
+    assert run(*words, "--out", str(tmp_path / "p"), "--until", "0.001", "--no-vtk", "--device", "cpu") == 0
+    out = capsys.readouterr().out
+    fits = json.loads((tmp_path / "p" / "packing.json").read_text())["results"]["below_the_rim"]
+    assert 0 < fits < 16
+    assert f"{16 - fits} of 16 stones reach above the rim: about {fits} fit." in out
+    with pytest.raises(SceneError, match="at most about"):
+        run(*words, "--count", "60", "--out", str(tmp_path / "q"))
+
+
+def test_a_database_is_packed_with_stones_made_anew(tmp_path):
+    store = tmp_path / "store"
+    plan = Plan(count=6, seed=1, preset="database", shape_class="mixed", base={"triangles": 512})
+    assert len(list(build(store, plan, Measures(("volume",)), workers=0))) == 6
+    words = ["--container", "box:60mm:60mm:60mm", "--stiffness-factor", "0.001", "--until", "0.002", "--device", "cpu"]
+    assert run(str(store), *words, "--out", str(tmp_path / "p"), "--select", "number <= 4") == 0
+    names = {line.split(",")[1] for line in (tmp_path / "p" / "blocks.csv").read_text().splitlines()[1:]}
+    assert names == {f"generated-00000{n}" for n in range(1, 5)}
+    volumes = pq.read_table(store / "particles")["volume"].to_pylist()
+    packed = [float(line.split(",")[13]) for line in (tmp_path / "p" / "blocks.csv").read_text().splitlines()[1:]]
+    assert sorted(packed) == pytest.approx(sorted(volumes[:4]), rel=1e-9)
+    with pytest.raises(LithoformError, match="none is chosen"):
+        run(str(store), *words, "--out", str(tmp_path / "q"), "--select", "number > 99")
+
+
+@pytest.mark.parametrize(
+    ("words", "kind", "told"),
+    [
+        (["--count", "-1"], RecipeError, "--count from 1"),
+        (["--container", "barrel:1m:1m"], RecipeError, "expected a container such as"),
+        (["--container", "cylinder:12mm:60mm"], SceneError, "so that the largest stone fits"),
+        (["--seed", "-1"], RecipeError, "seed must be 0"),
+        (["--threads", "0"], RecipeError, "--threads of at least 1"),
+        (["--dt", "1"], SceneError, "leave it out to take"),
+        (["--unit", "furlong"], FileFormatError, "furlong"),
+        (["--select", "class = 'cube'"], RecipeError, "none is given"),
+    ],
+)
+def test_what_makes_no_sense_is_refused_and_nothing_is_written(stones, tmp_path, words, kind, told):
+    out = tmp_path / "p"
+    with pytest.raises(kind, match=told):
+        run(str(stones), *SMALL, "--out", str(out), *words)
+    assert not out.exists() or not list(out.iterdir())
+
+
+def test_sources_without_stones_are_refused(stones, tmp_path):
+    (tmp_path / "empty").mkdir()
+    broken = tmp_path / "open.stl"
+    body = stone(n=6)
+    write_mesh(broken, type(body)(0.01 * body.vertices, body.faces[40:]))
+    for given, told in (
+        (tmp_path / "empty", "holds no scans"),
+        (tmp_path / "none.stl", "none.stl"),
+        (broken, "open.stl"),
+    ):
+        with pytest.raises(FileFormatError, match=told):
+            run(str(given), *SMALL, "--out", str(tmp_path / "p"))
+    with pytest.raises(RecipeError, match="expected meshes"):
+        run(*SMALL, "--out", str(tmp_path / "p"))
+    with pytest.raises(OutputError, match="name another place"):
+        run(str(stones), *SMALL, "--out", str(stones / "p"))
+
+
+def test_folders_of_others_are_left_alone(stones, tmp_path):
+    (tmp_path / "thesis.txt").write_text("mine")
+    for more in ([], ["--overwrite"], ["--resume"]):
+        with pytest.raises(OutputError, match=r"other files \(thesis|no packing to resume"):
+            run(str(stones), *SMALL, "--out", str(tmp_path), *more)
+    assert [p.name for p in tmp_path.iterdir()] == ["thesis.txt"]
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="the superuser may write everywhere")
+def test_a_folder_without_permission_is_told(stones, tmp_path):
+    locked = tmp_path / "locked"
+    locked.mkdir()
+    locked.chmod(stat.S_IRUSR | stat.S_IXUSR)
+    with pytest.raises(OutputError, match="cannot be used"):
+        run(str(stones), *SMALL, "--out", str(locked / "p"))
+
+
+def test_a_file_in_the_place_of_the_folder_is_told(stones, tmp_path):
+    (tmp_path / "p").write_text("mine")
+    with pytest.raises(OutputError, match="is a file; name a folder"):
+        run(str(stones), *SMALL, "--out", str(tmp_path / "p"))
+    with pytest.raises(OutputError, match="cannot be used"):
+        run(str(stones), *SMALL, "--out", str(tmp_path / "p" / "q"))
+
+
+@pytest.mark.parametrize("sides", [(0.05,), (0.05, 0.04)])
+def test_the_walls_nearest_to_the_eye_are_cut_away(sides, drawing, monkeypatch):
+    """A stone on the floor in the middle is seen in both containers, with walls behind it."""
+    body = stone(scale=0.008, n=6)
+    turns = np.eye(3) * np.array([0.1, 1.0])[:, None, None]  # the second stone has a warm tone, and hides the first
+    bed = Bed(
+        meshes=[body], which=np.array([0, 0]), turns=turns, places=np.full((2, 3), [0.0, 0.0, 0.008]), sides=sides,
+        height=0.03, edges=np.array([0.0, 0.016]), profile=np.array([0.2]), band=(0.0, 0.016), title="two",
+        time=np.array([0.0, 0.1]), kinetic=np.array([0.0, 1e-7]), lines=["line"],
+    )  # fmt: skip
+    monkeypatch.setattr("lithoform.figures.packing._TRIANGLES", 300)  # so that the stones are simplified
+    picture = packing_figure(bed, dpi=100)
+    left = picture[:, : round(0.6 * picture.shape[1])].astype(int)
+    warm = left[..., 0] > left[..., 2] + 12
+    cool = left[..., 2] > left[..., 0] + 4  # walls and floor
+    rows, columns = np.nonzero(warm)
+    assert warm.mean() > 0.02
+    assert cool[: int(rows.min())].any(axis=0).mean() > 0.3
+    assert abs(columns.mean() / left.shape[1] - 0.5) < 0.15
+    # Nothing stands before it: the warm pixels have no cool ones among them.
+    assert warm[int(np.median(rows)), columns.min() + 2 : columns.max() - 2].mean() > 0.7
+    with pytest.raises(LithoformError, match="has none"):
+        packing_figure(Bed(**{**vars(bed), "which": np.array([], dtype=int)}))
