@@ -36,10 +36,11 @@ class Blocks:
     """The blocks, n of them.
 
     position, velocity, angular_velocity, angular_momentum, force, torque : world's frame, SI units; velocities and
-    momenta half a step behind the positions; orientation : from the frame of the shape to the world's; inertia :
-    principal moments [kg m^2]; radius : of the sphere of equal volume; bound : of the sphere that holds the block;
-    margin : of the rounding [m]; travel : bound of the path of any of its points since the list of pairs was made [m];
-    origin, origin_orientation : pose then; entry_first, entries : contacts of each block, 2 p + side; flags : faults.
+    momenta half a step behind the positions; velocity_ahead, spin_ahead : velocities at the time of the positions;
+    orientation : from the frame of the shape to the world's; inertia : principal moments [kg m^2]; radius : of the
+    sphere of equal volume; bound : of the sphere that holds the block; margin : of the rounding [m]; travel : bound of
+    the path of any of its points since the list of pairs was made [m]; origin, origin_orientation : pose then;
+    entry_first, entries : contacts of each block, 2 p + side; flags : faults.
     """
 
     shape: wp.array(dtype=wp.int32)
@@ -54,6 +55,8 @@ class Blocks:
     orientation: wp.array(dtype=wp.quatd)
     velocity: wp.array(dtype=wp.vec3d)
     angular_velocity: wp.array(dtype=wp.vec3d)
+    velocity_ahead: wp.array(dtype=wp.vec3d)
+    spin_ahead: wp.array(dtype=wp.vec3d)
     angular_momentum: wp.array(dtype=wp.vec3d)
     force: wp.array(dtype=wp.vec3d)
     torque: wp.array(dtype=wp.vec3d)

@@ -181,9 +181,11 @@ def push_of_wall(scene: Scene, i: wp.int32, wall: wp.int32, path: wp.float64) ->
         at_wall = at_wall + walls.direction[wall] * walls.speed[wall]
     spin = blocks.angular_velocity[i]
     velocity = blocks.velocity[i] + wp.cross(spin, arm) - at_wall
+    ahead = blocks.velocity_ahead[i] + wp.cross(blocks.spin_ahead[i], arm) - at_wall
     law = scene.laws[blocks.material[i] * scene.materials + walls.material[wall]]
-    now = touch(law, -gap, blocks.radius[i], blocks.mass[i], toward, velocity, spin - rotation,
-                _HALF * (spin + rotation), walls.spring[h], walls.twist[h], former, scene.dt)  # fmt: skip
+    now = touch(law, -gap, blocks.radius[i], blocks.mass[i], toward, velocity, spin - rotation, ahead,
+                blocks.spin_ahead[i] - rotation, _HALF * (spin + rotation), walls.spring[h], walls.twist[h], former,
+                scene.dt)  # fmt: skip
     walls.radius[h] = now.radius
     walls.spring[h] = now.spring
     walls.twist[h] = now.twist

@@ -105,6 +105,7 @@ def _blocks(model: Model, state: State, device: str) -> Any:
         setattr(blocks, name, put(values, wp.float64))
     blocks.inertia = put(model.inertia, wp.vec3d)
     blocks.angular_velocity = put(state.spin, wp.vec3d)
+    blocks.velocity_ahead, blocks.spin_ahead = put(state.velocity_ahead, wp.vec3d), put(state.spin_ahead, wp.vec3d)
     for name in _BLOCK_FIELDS:
         dtype = wp.quatd if "orientation" in name else wp.float64 if name == "travel" else wp.vec3d
         setattr(blocks, name, put(getattr(state, name), dtype))
@@ -191,6 +192,8 @@ def read_scene(scene: Any) -> dict[str, np.ndarray]:
     arrays = {
         **{name: getattr(blocks, name).numpy() for name in _BLOCK_FIELDS},
         "spin": blocks.angular_velocity.numpy(),
+        "velocity_ahead": blocks.velocity_ahead.numpy(),
+        "spin_ahead": blocks.spin_ahead.numpy(),
         **{name: getattr(pairs, source).numpy() for name, source in _PAIR_FIELDS.items()},
         **{name: getattr(walls, name.removeprefix("wall_")).numpy() for name in _WALL_FIELDS},
         "wall_contact_radius": walls.radius.numpy(),

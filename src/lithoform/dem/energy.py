@@ -69,11 +69,14 @@ def energy(model: Model, state: State) -> Energy:
 
 
 def _elastic(model: Model, state: State) -> float:
+    from lithoform.dem.observers import contacts
+
+    normal = contacts(model, state).normal
     on = state.contact_radius > 0.0
     i, j = state.pair[on].T
     radius = model.radius[i] * model.radius[j] / (model.radius[i] + model.radius[j])
     total = _stored(model, model.material[i], model.material[j], radius, state.contact_radius[on], state.spring[on],
-                    state.twist[on])  # fmt: skip
+                    state.twist[on], normal[: on.sum()])  # fmt: skip
     if model.walls:
         walls = len(model.walls)
         touching = np.flatnonzero(state.wall_contact_radius > 0.0)
@@ -81,13 +84,13 @@ def _elastic(model: Model, state: State) -> float:
         of_walls = np.array([wall.material for wall in model.walls])[touching % walls]
         total += _stored(model, model.material[block], of_walls, model.radius[block],
                          state.wall_contact_radius[touching], state.wall_spring[touching],
-                         state.wall_twist[touching])  # fmt: skip
+                         state.wall_twist[touching], normal[on.sum() :])  # fmt: skip
     return total
 
 
 def _stored(
     model: Model, a: np.ndarray, b: np.ndarray, radius: np.ndarray, disc: np.ndarray, spring: np.ndarray,
-    twist: np.ndarray,
+    twist: np.ndarray, normal: np.ndarray,
 ) -> float:  # fmt: skip
     from lithoform.dem.jkr import potential
 
@@ -100,7 +103,9 @@ def _stored(
         stiffness = 8.0 * law["shear"] * c
         total += float(potential(c, law["modulus"], r, law["energy"]).sum())
         total += float((0.5 * (spring[mine] ** 2).sum(axis=1) / stiffness).sum())
-        total += float((0.5 * (twist[mine] ** 2).sum(axis=1) / (stiffness * r * r)).sum())
+        about = (twist[mine] * normal[mine]).sum(axis=1)
+        rolling = np.maximum((twist[mine] ** 2).sum(axis=1) - about**2, 0.0)
+        total += float((0.5 * rolling / (stiffness * r * r) + 0.5 * about**2 / (stiffness * c * c)).sum())
     return total
 
 

@@ -94,6 +94,9 @@ def move_block(scene: Scene, i: wp.int32) -> wp.int32:
     blocks.velocity[i] = velocity
     blocks.angular_momentum[i] = momentum
     blocks.angular_velocity[i] = spin
+    half_step = _HALF * scene.dt
+    blocks.velocity_ahead[i] = velocity + force * (half_step / blocks.mass[i])
+    blocks.spin_ahead[i] = _spin(momentum + torque * half_step, orientation, inertia)
     blocks.position[i] = position
     blocks.orientation[i] = orientation
     travel = blocks.travel[i] + path

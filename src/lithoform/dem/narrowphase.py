@@ -56,11 +56,14 @@ def evaluate_pair(scene: Scene, p: wp.int32) -> wp.int32:
     spin_i = blocks.angular_velocity[i]
     spin_j = blocks.angular_velocity[j]
     velocity = blocks.velocity[i] + wp.cross(spin_i, arm_i) - blocks.velocity[j] - wp.cross(spin_j, arm_j)
+    ahead_i = blocks.spin_ahead[i]
+    ahead_j = blocks.spin_ahead[j]
+    ahead = blocks.velocity_ahead[i] + wp.cross(ahead_i, arm_i) - blocks.velocity_ahead[j] - wp.cross(ahead_j, arm_j)
     radius = blocks.radius[i] * blocks.radius[j] / (blocks.radius[i] + blocks.radius[j])
     mass = blocks.mass[i] * blocks.mass[j] / (blocks.mass[i] + blocks.mass[j])
     law = scene.laws[blocks.material[i] * scene.materials + blocks.material[j]]
-    now = touch(law, -gap, radius, mass, normal, velocity, spin_i - spin_j, _HALF * (spin_i + spin_j),
-                pairs.spring[p], pairs.twist[p], former, scene.dt)  # fmt: skip
+    now = touch(law, -gap, radius, mass, normal, velocity, spin_i - spin_j, ahead, ahead_i - ahead_j,
+                _HALF * (spin_i + spin_j), pairs.spring[p], pairs.twist[p], former, scene.dt)  # fmt: skip
     pairs.radius[p] = now.radius
     pairs.spring[p] = now.spring
     pairs.twist[p] = now.twist

@@ -60,6 +60,7 @@ class Scales:
         parts = [f"step {self.step:.2e} s (Rayleigh time {self.rayleigh_time:.2e} s)"]
         if math.isfinite(self.kappa):
             parts.append(f"kappa {self.kappa:.0f} (overlap about {self.overlap:.1e} of a radius)")
+        if self.inertial_number:
             parts.append(
                 f"inertial number {self.inertial_number_median:.1e} (largest block {self.inertial_number:.1e})"
             )

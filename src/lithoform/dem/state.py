@@ -21,6 +21,8 @@ FIELDS: Mapping[str, tuple[str, tuple[str | int, ...]]] = {
     "velocity": ("f8", ("n", 3)),
     "angular_momentum": ("f8", ("n", 3)),
     "spin": ("f8", ("n", 3)),
+    "velocity_ahead": ("f8", ("n", 3)),
+    "spin_ahead": ("f8", ("n", 3)),
     "force": ("f8", ("n", 3)),
     "torque": ("f8", ("n", 3)),
     "travel": ("f8", ("n",)),
@@ -73,6 +75,8 @@ class State:
     spin : numpy.ndarray, shape (n, 3)
         Angular velocity that the contacts of the next step see [rad/s]: that of the orientation half a step back, which
         cannot be found again from the rest to the last bit.
+    velocity_ahead, spin_ahead : numpy.ndarray, shape (n, 3)
+        Velocities at the time of the positions, forecast by the last forces [m/s], [rad/s].
     force, torque : numpy.ndarray, shape (n, 3)
         Of the last step [N], [N m].
     pair : numpy.ndarray of int, shape (p, 2)
@@ -106,6 +110,8 @@ class State:
     velocity: np.ndarray
     angular_momentum: np.ndarray
     spin: np.ndarray
+    velocity_ahead: np.ndarray
+    spin_ahead: np.ndarray
     force: np.ndarray
     torque: np.ndarray
     travel: np.ndarray
@@ -200,6 +206,8 @@ class State:
             "velocity": zero if velocity is None else _rows(velocity, (n, 3), "velocity"),
             "angular_momentum": momentum,
             "spin": spin,
+            "spin_ahead": spin,
+            "velocity_ahead": zero if velocity is None else _rows(velocity, (n, 3), "velocity"),
             "origin": position,
             "origin_orientation": turn,
             **placed_walls(model),
