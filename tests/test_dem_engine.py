@@ -147,3 +147,30 @@ def dem_rate() -> float:
     from lithoform.dem.scales import measured_rate
 
     return measured_rate(1)
+
+
+class TestTwisting:
+    def test_a_ball_that_spins_on_the_spot_is_braked_by_the_disc_of_contact(self):
+        # Torque 3 pi / 16 mu a m g at full slip under the pressure of Hertz (Johnson 1985, 7.4).
+        rock = replace(SOFT, surface_energy=0.0)
+        radius = 0.005
+        floor = dem.Plane(point=(0, 0, 0), normal=(0, 0, 1))
+        model = dem.Model(shapes=(dem.Shape.sphere(radius),), materials=(rock,), shape=[0], walls=(floor,))
+        weight, modulus = model.mass[0] * 9.81, rock.youngs_modulus / (2.0 * (1.0 - rock.poisson_ratio**2))
+        disc = (3.0 * weight * radius / (4.0 * modulus)) ** (1.0 / 3.0)
+        start = dem.State.at_rest(model, [[0, 0, radius - disc**2 / radius]], angular_velocity=[[0, 0, 5.0]])
+        spins = dem.simulate(model, start, until=0.2, report=0.05, observers={"spin": spin_about_z}).table["spin_z"]
+        braking = 3.0 * np.pi / 16.0 * rock.sliding_friction * disc * weight / model.inertia[0, 2]
+        assert np.diff(spins) == pytest.approx(-0.05 * braking, rel=0.01)
+
+    def test_it_comes_to_rest(self):
+        model = dem.Model(shapes=STONES[:1], materials=(SOFT,), shape=[0],
+                          walls=(dem.Plane(point=(0, 0, 0), normal=(0, 0, 1)),))  # fmt: skip
+        lowest = STONES[0].core.vertices[:, 2].min() - STONES[0].core.margin
+        start = dem.State.at_rest(model, [[0, 0, -lowest]], angular_velocity=[[0, 0, 3.0]])
+        end = dem.simulate(model, start, until=0.7).state
+        assert np.linalg.norm(end.angular_velocity(model)) < 1e-3
+
+
+def spin_about_z(model: dem.Model, state: dem.State) -> dict[str, float]:
+    return {"z": float(state.angular_velocity(model)[0, 2])}

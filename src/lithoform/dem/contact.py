@@ -157,7 +157,7 @@ def touch(
 
     most = _TORSION * law.sliding * a * limit
     torsion = wp.clamp(torsion - twirl * stiffness * a * a * dt, -most, most)
-    twisted = wp.clamp(torsion - twirl_ahead * drag * a * a, -most, most)
+    twisted = wp.clamp(torsion - twirl_ahead * drag * a * radius, -most, most)
 
     result.force = dragged - normal * (push + damping)
     result.moment = rolled + normal * twisted
