@@ -106,11 +106,11 @@ def main() -> None:
     ours = 0.0
     for count in options.count:
         model, state = pressed(count, shapes)
-        touching = (state.contact_radius > 0).sum(), (state.wall_contact_radius > 0).sum()
+        touching = 2 * (state.contact_radius > 0).sum() + (state.wall_contact_radius > 0).sum()
         found = rates(model, state, (1, 2), options.steps)
         ours = ours or found[1]
         density = model.volume.sum() / (np.pi * model.walls[1].radius ** 2 * state.wall_point[2, 2])
-        table.add_row(f"{count} blocks, packing density {density:.3f}", f"{(2 * touching[0] + touching[1]) / count:.2f}",
+        table.add_row(f"{count} blocks, packing density {density:.3f}", f"{touching / count:.2f}",
                       f"{found[1] / 1e6:.2f}", f"{found[2] / 1e6:.2f}", f"{found[2] / found[1]:.2f}")  # fmt: skip
     console.print(table)
     if options.yade:
@@ -118,8 +118,8 @@ def main() -> None:
         if peer is None:
             console.print("YADE is not installed here: no comparison (Debian package yade).")
         else:
-            console.print(f"YADE's polyhedra, about 50 vertices: {peer:,.0f} block-steps/s on one core; "
-                          f"ours, full hulls: {ours / peer:.0f} times as many.")  # fmt: skip
+            times = f"ours, full hulls: {ours / peer:.0f} times as many"
+            console.print(f"YADE's polyhedra, about 50 vertices: {peer:,.0f} block-steps/s on one core; {times}.")
     if options.memory:
         done = subprocess.run(
             [sys.executable, __file__, "--measure-memory"], check=True, capture_output=True, text=True

@@ -14,7 +14,7 @@ __all__ = [
 wp.set_module_options(MODULE_OPTIONS)
 
 # Blocks (and pairs) that one thread takes at a time; sums over the blocks are sums of the sums of chunks.
-CHUNK = wp.constant(64)
+CHUNK = wp.constant(16)
 # Vertices that may take part in the contact with a wall, kept for each block near one.
 CANDIDATES = wp.constant(32)
 
