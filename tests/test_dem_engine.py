@@ -10,7 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lithoform import dem, generate
+from lithoform.dem.arrays import STALE
 from lithoform.dem.broadphase import matching_rows, near_pairs, neighbour_entries
+from lithoform.dem.energy import EnergyMonitor
 from lithoform.dem.engine import Engine
 from lithoform.presets import database_recipe
 
@@ -174,3 +176,41 @@ class TestTwisting:
 
 def spin_about_z(model: dem.Model, state: dem.State) -> dict[str, float]:
     return {"z": float(state.angular_velocity(model)[0, 2])}
+
+
+class TestKernelsOfAGpu:
+    def test_they_do_what_the_loop_of_a_processor_does(self):
+        model, state = falling(60)
+        state = dem.simulate(model, state, until=0.012).state
+        dt = state.clock[2]
+        loop, kernels = (Engine(model, state, dt, device="cpu", threads=1) for _ in range(2))
+        kernels.scene.kick = dt
+        for _ in range(20):
+            made = loop.run(15)
+            # Below sixteen steps no graph is made, so that a processor can run them.
+            also = kernels._launch_gpu(15)
+            kernels.step += also.steps
+            if also.flags:
+                assert also.flags == STALE
+                kernels.find_pairs()
+            assert also.steps == made.steps
+        assert kernels.step > state.step + 50
+        assert (kernels.state().contact_radius > 0.0).sum() > 3
+        assert same(loop.state(), kernels.state()) == []
+
+
+class TestEnergyMonitor:
+    def test_it_says_when_energy_comes_from_nothing(self):
+        monitor = EnergyMonitor()
+        monitor.look(dem.Energy(kinetic=1.0, potential=0.0, elastic=0.0, work=0.0), 0.1)
+        monitor.look(dem.Energy(kinetic=0.8, potential=0.0, elastic=0.1, work=0.0), 0.2)
+        # What a wall puts in is not from nothing.
+        monitor.look(dem.Energy(kinetic=2.9, potential=0.0, elastic=0.0, work=2.0), 0.3)
+        assert monitor.growth == 0.0
+        with pytest.warns(dem.EnergyWarning, match=r"grew by 0\.1 J without work until t = 0\.4 s"):
+            monitor.look(dem.Energy(kinetic=3.0, potential=0.0, elastic=0.0, work=2.0), 0.4)
+
+    def test_it_is_silent_over_falls_impacts_and_rest(self):
+        model, state = falling(60)
+        run = dem.simulate(model, state, until=0.02, report=1e-4)
+        assert run.energy_growth < 1e-3 * dem.energy(model, run.state).kinetic

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from lithoform import DeviceError, face_integrals, intersections, noise, radius, soundness
+from lithoform.dem import gjk, integrate, jkr, narrowphase
 from lithoform.warp_runtime import default_threads, resolve_device, shared_array, to_device, wp
 
-KERNEL_MODULES = [face_integrals, intersections, noise, radius, soundness]
+KERNEL_MODULES = [face_integrals, intersections, noise, radius, soundness, gjk, integrate, jkr, narrowphase]
 
 
 @pytest.mark.skipif(sys.platform == "darwin", reason="Warp has no CUDA compiler on macOS")

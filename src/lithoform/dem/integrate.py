@@ -129,6 +129,7 @@ def _move_blocks(scene: Scene, start: wp.int32, end: wp.int32) -> wp.int32:
 
 
 @wp.func_native("""
+#if !defined(__CUDACC__)
     wp::int32* all = epochs.data;
     __atomic_store_n(all + 16 * me, epoch, __ATOMIC_RELEASE);
     for (wp::int32 other = 0; other < count; ++other) {
@@ -145,6 +146,7 @@ def _move_blocks(scene: Scene, start: wp.int32, end: wp.int32) -> wp.int32:
             }
         }
     }
+#endif
 """)
 def _wait_for_all(epochs: wp.array(dtype=wp.int32), me: wp.int32, count: wp.int32, epoch: wp.int32, pause: wp.uint64):
     """Wait until all threads have come here; `pause` is the address of usleep, for when a thread has no processor."""
