@@ -114,7 +114,7 @@ def main() -> None:
                       f"{found[1] / 1e6:.2f}", f"{found[2] / 1e6:.2f}", f"{found[2] / found[1]:.2f}")  # fmt: skip
     console.print(table)
     if options.yade:
-        peer = yade(shapes, options.count[0], 50, 300)
+        peer = yade(shapes, options.count[0], 50, 100)
         if peer is None:
             console.print("YADE is not installed here: no comparison (Debian package yade).")
         else:

@@ -7,7 +7,7 @@ import re
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from lithoform import FileFormatError, Mesh, RecipeError, database_recipe, generate
@@ -273,6 +273,7 @@ def test_masses_are_those_of_the_scaled_candidates_and_sizes_lie_in_their_fracti
 
 
 @settings(deadline=None, max_examples=25)
+@example(count=700, seed=5000, spread="mass", name="AC-13")
 @given(
     count=st.integers(700, 4000),
     seed=st.integers(0, 2**64 - 1),
@@ -285,7 +286,11 @@ def test_a_count_is_met_exactly_and_its_mass_gives_the_same_fractions(count, see
     assert len(drawn.sizes) == count == drawn.counts.sum()
     assert np.abs(drawn.passing - drawn.fractions.passing).max() < TOLERANCE
     again = draw_sizes(GRADATIONS[name], mass=float(drawn.masses.sum()) * (1 + 1e-9), **options)
-    assert np.abs(again.counts - drawn.counts).max() <= 1
+    # One stone more or less, or as many as weigh less than the curve's tolerance: where the coarsest fraction is a stone or
+    # two, a mass is met by a few of the finest.
+    weight = drawn.masses.sum() / drawn.counts.sum()
+    allowed = np.maximum(1.0, TOLERANCE / 100.0 * drawn.masses.sum() / weight)
+    assert (np.abs(again.counts - drawn.counts) <= allowed).all()
 
 
 @pytest.mark.parametrize("count", [100, 101, 1001])

@@ -44,7 +44,7 @@ O.engines = [
     NewtonIntegrator(gravity=(0, 0, -gravity), damping=0.3),  # noqa: F405
 ]
 O.dt = 1e-5
-O.run(4000, True)
+O.run(1500, True)
 begin = time.process_time()
 O.run(task["steps"], True)
 spent = time.process_time() - begin
