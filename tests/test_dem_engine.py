@@ -214,3 +214,68 @@ class TestEnergyMonitor:
         model, state = falling(60)
         run = dem.simulate(model, state, until=0.02, report=1e-4)
         assert run.energy_growth < 1e-3 * dem.energy(model, run.state).kinetic
+
+
+class TestStages:
+    def test_a_new_motion_has_its_own_pivot(self):
+        ball = dem.Shape.sphere(0.005)
+        wall = dem.Plane(point=(0, 0, -0.1), normal=(0, 0, 1))
+        model = dem.Model(shapes=(ball,), materials=(SOFT,), shape=[0], walls=(wall,), gravity=(0, 0, 0))
+        state = dem.simulate(model, dem.State.at_rest(model, [[0, 0, 0.1]]), until=1e-4).state
+        turning = model.with_motion(0, dem.Motion(angular_velocity=(10.0, 0, 0), pivot=(0, 1.0, 0)))
+        end = dem.simulate(turning, state, until=0.0101)
+        angle = 10.0 * (end.state.time - state.time)
+        y, z = -1.0, -0.1
+        expected = [1.0 + np.cos(angle) * y - np.sin(angle) * z, np.sin(angle) * y + np.cos(angle) * z]
+        assert end.state.wall_point[0, 1:] == pytest.approx(expected, abs=1e-12)
+
+    def test_a_servo_that_was_held_starts_from_rest(self):
+        ball = dem.Shape.sphere(0.005)
+        platen = dem.Plane(point=(0, 0, 1.0), normal=(0, 0, -1), motion=dem.Servo(force=1.0, mass=0.1))
+        model = dem.Model(shapes=(ball,), materials=(SOFT,), shape=[0], walls=(platen,), gravity=(0, 0, 0))
+        state = dem.simulate(model, dem.State.at_rest(model, [[0, 0, 0.0]]), until=0.01).state
+        assert state.wall_speed[0] == pytest.approx(0.1, rel=1e-3)
+        state = dem.simulate(model.with_motion(0, dem.Motion()), state, until=0.02).state
+        state = dem.simulate(model, state, until=0.0201).state
+        assert state.wall_speed[0] == pytest.approx(0.001, rel=0.1)
+
+    def test_a_finished_run_may_be_asked_for_again(self):
+        model, state = falling(30)
+        run = dem.simulate(model, state, until=1e-3)
+        again = dem.simulate(model, run.state, until=1e-3)
+        assert again.state.step == run.state.step
+        assert same(again.state, run.state) == []
+
+    def test_a_cylinder_carried_about_a_distant_pivot_does_work(self):
+        # A ball is carried along by the wall that hits it: what it gains is the work of the wall.
+        rock = replace(SOFT, restitution=1.0, sliding_friction=0.0, rolling_friction=0.0, surface_energy=0.0)
+        for nutates in (False, True):
+            motion = dem.Motion(angular_velocity=(0, 0, 20.0), nutates=nutates)
+            wall = dem.Cylinder(point=(0.05, 0, 0), radius=0.01, motion=motion)
+            model = dem.Model(shapes=(dem.Shape.sphere(0.005),), materials=(rock,), shape=[0], walls=(wall,),
+                              gravity=(0, 0, 0))  # fmt: skip
+            end = dem.simulate(model, dem.State.at_rest(model, [[0.05, 0, 0]]), until=0.01, report=1e-4).state
+            found = dem.energy(model, end)
+            assert found.kinetic > 1e-4
+            assert found.work == pytest.approx(found.total, rel=2e-3)
+
+    def test_the_work_of_a_light_servo_is_that_of_its_mean_speed(self):
+        rock = replace(SOFT, restitution=1.0, surface_energy=0.0)
+        platen = dem.Plane(point=(0, 0, 0.0), normal=(0, 0, 1), motion=dem.Servo(force=0.0, mass=0.001))
+        model = dem.Model(shapes=(dem.Shape.sphere(0.005),), materials=(rock,), shape=[0], walls=(platen,),
+                          gravity=(0, 0, 0))  # fmt: skip
+        start = dem.State.at_rest(model, [[0, 0, 0.00501]], velocity=[[0, 0, -1.0]])
+        end = dem.simulate(model, start, until=3e-4).state
+        before, after = 0.5 * model.mass[0], dem.energy(model, end)
+        assert after.elastic == 0.0
+        assert after.kinetic - after.work == pytest.approx(before, rel=1e-3)
+
+
+class TestTwistingEnergy:
+    def test_a_twisted_contact_that_shrinks_does_not_make_energy(self):
+        rock = replace(SOFT, restitution=1.0, surface_energy=0.0)
+        floor = dem.Plane(point=(0, 0, 0), normal=(0, 0, 1))
+        model = dem.Model(shapes=(dem.Shape.sphere(0.005),), materials=(rock,), shape=[0], walls=(floor,))
+        start = dem.State.at_rest(model, [[0, 0, 0.00501]], velocity=[[0, 0, -0.2]], angular_velocity=[[0, 0, 40.0]])
+        run = dem.simulate(model, start, until=0.05, report=1e-5)
+        assert run.energy_growth < 1e-4 * dem.energy(model, start).kinetic

@@ -63,9 +63,30 @@ class TestAtTheStart:
         assert told.value.bodies == (1,)
 
     def test_a_block_through_a_wall_is_told(self):
-        scene = model(1, shapes=(dem.Shape.from_mesh(box()),))
-        with pytest.raises(SimulationError, match="block 0 is deeper in a wall than twice its rounding"):
-            dem.simulate(scene, dem.State.at_rest(scene, [[0, 0, 0.004]]), until=0.01)
+        stone = dem.Shape.from_mesh(box())
+        scene = model(1, shapes=(stone,))
+        for turn, depth in ((stone.orientation, "0.001"), ([0.3, 0.2, -0.1, 1.0], r"0\.00\d+")):
+            state = dem.State.at_rest(scene, [[0, 0, 0.004]], [turn])
+            with pytest.raises(SimulationError, match=rf"block 0 is {depth} m inside wall 0 at the start") as told:
+                dem.simulate(scene, state, until=0.01)
+            assert told.value.bodies == (0,)
+
+    def test_a_ball_in_a_wall_is_told(self):
+        with pytest.raises(SimulationError, match=r"block 0 is 0\.002 m inside wall 0"):
+            dem.simulate(model(1), dem.State.at_rest(model(1), [[0, 0, 0.003]]), until=0.01)
+        around = model(1, walls=(dem.Cylinder(radius=0.02),))
+        with pytest.raises(SimulationError, match=r"block 0 is 0\.001 m inside wall 0"):
+            dem.simulate(around, dem.State.at_rest(around, [[0.016, 0, 0]]), until=0.01)
+
+    def test_walls_through_blocks_are_refused(self):
+        state = dem.State.at_rest(model(1), [[0, 0, 0.006]])
+        lid = dem.Plane(point=(0, 0, 0.009), normal=(0, 0, -1))
+        with pytest.raises(SceneError, match=r"block 0 would be 0\.002 m inside wall 1: move that wall"):
+            state.with_walls_of(model(1, walls=(FLOOR, lid)))
+
+    def test_a_pair_of_materials_is_told_once(self):
+        with pytest.raises(SceneError, match="each pair of materials once"):
+            model(1, materials=(SOFT, SOFT), pairs={(0, 1): dem.PairConstants(), (1, 0): dem.PairConstants()})
 
     @pytest.mark.parametrize("name", ["position", "orientation", "velocity", "angular_velocity"])
     def test_no_number_is_refused_by_name(self, name):

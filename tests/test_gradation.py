@@ -286,8 +286,8 @@ def test_a_count_is_met_exactly_and_its_mass_gives_the_same_fractions(count, see
     assert len(drawn.sizes) == count == drawn.counts.sum()
     assert np.abs(drawn.passing - drawn.fractions.passing).max() < TOLERANCE
     again = draw_sizes(GRADATIONS[name], mass=float(drawn.masses.sum()) * (1 + 1e-9), **options)
-    # One stone more or less, or as many as weigh less than the curve's tolerance: where the coarsest fraction is a stone or
-    # two, a mass is met by a few of the finest.
+    # One stone more or less, or as many as weigh less than the curve's tolerance: where the coarsest fraction is a
+    # stone or two, a mass is met by a few of the finest.
     weight = drawn.masses.sum() / drawn.counts.sum()
     allowed = np.maximum(1.0, TOLERANCE / 100.0 * drawn.masses.sum() / weight)
     assert (np.abs(again.counts - drawn.counts) <= allowed).all()

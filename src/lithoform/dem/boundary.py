@@ -176,7 +176,10 @@ def push_of_wall(scene: Scene, i: wp.int32, wall: wp.int32, path: wp.float64) ->
         toward = wp.normalize(_off_axis(scene, wall, x + arm))
     arm = arm + toward * (blocks.margin[i] + _HALF * gap)
     rotation = _wall_rotation(scene, wall)
-    at_wall = walls.velocity[wall] + wp.cross(rotation, x + arm - walls.pivot[wall])
+    # The wall's reference point is carried about the pivot; its material turns about that point.
+    point = walls.point[wall]
+    at_wall = walls.velocity[wall] + wp.cross(walls.angular_velocity[wall], point - walls.pivot[wall])
+    at_wall += wp.cross(rotation, x + arm - point)
     if walls.servo[wall] == 1:
         at_wall = at_wall + walls.direction[wall] * walls.speed[wall]
     spin = blocks.angular_velocity[i]
@@ -225,7 +228,6 @@ def move_walls(scene: Scene, chunks: wp.int32) -> None:
             force += walls.chunk_force[chunk * walls.count + wall]
             power += walls.chunk_power[chunk * walls.count + wall]
         walls.force[wall] = force
-        walls.work[wall] = walls.work[wall] + power * scene.dt
         step = walls.velocity[wall] * scene.dt
         pivot = walls.pivot[wall] + step
         walls.point[wall] = pivot + walls.turn[wall] @ (walls.point[wall] - walls.pivot[wall])
@@ -237,5 +239,10 @@ def move_walls(scene: Scene, chunks: wp.int32) -> None:
             # Damping implicitly, so that a short time does not make it unstable.
             speed = speed / (wp.float64(1.0) + scene.kick * walls.servo_rate[wall])
             speed = wp.clamp(speed, -walls.servo_speed[wall], walls.servo_speed[wall])
+            # The blocks saw the speed of half a step before; the power is that of the mean of both.
+            power += wp.dot(force, walls.direction[wall]) * _HALF * (walls.speed[wall] - speed)
             walls.speed[wall] = speed
             walls.point[wall] = walls.point[wall] + walls.direction[wall] * (speed * scene.dt)
+        # Up to the time of these forces, at which the energy is told.
+        walls.work[wall] = walls.work[wall] + _HALF * (walls.present_power[wall] + power) * scene.dt
+        walls.present_power[wall] = power

@@ -140,10 +140,13 @@ def touch(
         dragged = dragged * (most / size)
 
     # The moment turns with the bodies; its part about the normal has its own stiffness and limit.
-    turned = (twist + wp.cross(spin, twist) * dt) * shrinks
+    turned = twist + wp.cross(spin, twist) * dt
+    # Its stiffness goes with the cube of the radius, and so it must shrink: else unloading would make energy.
     torsion = wp.dot(turned, normal)
+    turned = (turned - normal * torsion) * shrinks
+    torsion = torsion * shrinks * shrinks * shrinks
     twirl = wp.dot(rotation, normal)
-    rolls = turned - normal * torsion - (rotation - normal * twirl) * (stiffness * radius * radius * dt)
+    rolls = turned - (rotation - normal * twirl) * (stiffness * radius * radius * dt)
     size = wp.length(rolls)
     most = law.rolling * radius * limit
     if size > most:

@@ -14,7 +14,7 @@ from lithoform.dem.contact import PairLaw
 from lithoform.dem.gjk import Hulls, Simplex
 from lithoform.dem.materials import pair_constants
 from lithoform.dem.model import Model
-from lithoform.dem.state import FIELDS, State
+from lithoform.dem.state import FIELDS, State, motions_of, placed_walls
 from lithoform.dem.walls import Cylinder, Motion, Servo
 from lithoform.warp_runtime import wp
 
@@ -142,6 +142,7 @@ def _walls(model: Model, state: State, dt: float, device: str) -> Any:
     motions = [wall.motion if isinstance(wall.motion, Motion) else Motion() for wall in model.walls]
     servos = [wall.motion if isinstance(wall.motion, Servo) else None for wall in model.walls]
     walls.count = count
+    same_motion = (state.wall_motion == motions_of(model)).all(axis=1)
     integers = {
         "kind": [CYLINDER if isinstance(wall, Cylinder) else PLANE for wall in model.walls],
         "material": [wall.material for wall in model.walls],
@@ -158,8 +159,9 @@ def _walls(model: Model, state: State, dt: float, device: str) -> Any:
         "servo_mass": [servo.mass if servo else 1.0 for servo in servos],
         "servo_rate": [1.0 / servo.time if servo else 0.0 for servo in servos],
         "servo_speed": [servo.max_speed if servo else 0.0 for servo in servos],
-        "speed": state.wall_speed,
+        "speed": np.where([servo is not None for servo in servos], state.wall_speed, 0.0),
         "work": state.wall_work,
+        "present_power": state.wall_power,
         "budget": state.wall_budget,
         "radius": state.wall_contact_radius,
         "power": np.zeros(model.count * count),
@@ -170,7 +172,8 @@ def _walls(model: Model, state: State, dt: float, device: str) -> Any:
         "direction": state.wall_direction,
         "velocity": [motion.velocity for motion in motions],
         "angular_velocity": [motion.angular_velocity for motion in motions],
-        "pivot": state.wall_pivot,
+        # A new motion has its own pivot; that of the former one has been carried along.
+        "pivot": np.where(same_motion[:, None], state.wall_pivot, placed_walls(model)["wall_pivot"]),
         "force": state.wall_force,
         "spring": state.wall_spring,
         "twist": state.wall_twist,
@@ -196,6 +199,7 @@ def read_scene(scene: Any) -> dict[str, np.ndarray]:
         "spin_ahead": blocks.spin_ahead.numpy(),
         **{name: getattr(pairs, source).numpy() for name, source in _PAIR_FIELDS.items()},
         **{name: getattr(walls, name.removeprefix("wall_")).numpy() for name in _WALL_FIELDS},
+        "wall_power": walls.present_power.numpy(),
         "wall_contact_radius": walls.radius.numpy(),
         "wall_contact_force": walls.push.numpy(),
         "wall_candidates": walls.candidates.numpy().reshape(-1, CANDIDATES),

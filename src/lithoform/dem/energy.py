@@ -115,6 +115,7 @@ class EnergyMonitor:
     def __init__(self) -> None:
         self._least: float | None = None
         self._largest = 0.0
+        self._told = 0.0
         self.growth = 0.0
 
     def look(self, now: Energy, time: float) -> None:
@@ -132,12 +133,15 @@ class EnergyMonitor:
             self._first = left
         # What is in play: what moves, what is stored, what has been turned into heat, what the walls put in.
         self._largest = max(self._largest, now.kinetic + abs(now.elastic), abs(now.work), self._first - left)
-        self.growth = max(0.0, left - self._least)
-        if self.growth > _TOLERANCE * self._largest:
+        grown = max(0.0, left - self._least)
+        # Told again only where it is twice as much.
+        if grown > _TOLERANCE * self._largest and grown > 2.0 * self._told:
+            self._told = grown
             warnings.warn(
-                f"the energy grew by {self.growth:.3g} J without work until t = {time:.4g} s "
-                f"({self.growth / self._largest:.1%} of what is in play): take a smaller time step.",
+                f"the energy grew by {grown:.3g} J without work until t = {time:.4g} s "
+                f"({grown / self._largest:.1%} of what is in play): take a smaller time step.",
                 EnergyWarning,
                 stacklevel=3,
             )
+        self.growth = max(self.growth, grown)
         self._least = min(self._least, left)

@@ -19,7 +19,7 @@ from lithoform.dem.gjk import Simplex
 from lithoform.dem.integrate import advance, block_step, pair_step, wall_chunk_step, wall_step
 from lithoform.dem.model import Model
 from lithoform.dem.narrowphase import pair_gap
-from lithoform.dem.state import State
+from lithoform.dem.state import State, motions_of
 from lithoform.dem.team import Team
 from lithoform.warp_runtime import default_threads, load, wp
 
@@ -153,7 +153,14 @@ class Engine:
 
     def state(self) -> State:
         """The state now, in the memory of the host."""
-        return State(step=self.step, clock=self.clock, lag=self.lag, fresh=self._fresh, **read_scene(self.scene))
+        return State(
+            step=self.step,
+            clock=self.clock,
+            lag=self.lag,
+            fresh=self._fresh,
+            wall_motion=motions_of(self.model),
+            **read_scene(self.scene),
+        )
 
     def _launch(self, steps: int, kick: float) -> Progress:
         self.scene.kick = kick
@@ -202,8 +209,8 @@ class Engine:
         if not (graphs and control.numpy()[0]):
             for _ in range(rest):
                 one()
-        ended, pair_flags, block_flags, made = control.numpy()[:4].tolist()
-        return Progress(made, (pair_flags | block_flags) if ended else 0)
+        ended, pair_flags, stale, made, block_flags = control.numpy()[:5].tolist()
+        return Progress(made, (pair_flags | stale | block_flags) if ended else 0)
 
     def _gaps(self, count: int) -> np.ndarray:
         gaps = wp.zeros(count, dtype=wp.float64, device=self.device)

@@ -5,11 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from lithoform.dem.arrays import CORES_OVERLAP, MOVES_TOO_FAR, NOT_FINITE, OUTSIDE, TOO_DEEP
+from lithoform.dem.clearances import deepest_in_walls
 from lithoform.dem.engine import Engine
 from lithoform.dem.model import Model
+from lithoform.dem.state import State
 from lithoform.errors import SimulationError
 
-__all__ = ["fault_of", "refuse_overlaps"]
+__all__ = ["fault_of", "refuse_in_walls", "refuse_overlaps"]
 
 # Blocks that are put down may overlap by this share of their effective radius: what rounding and settling leave.
 _AT_START = 0.01
@@ -82,6 +84,30 @@ def refuse_overlaps(model: Model, pair: np.ndarray, gaps: np.ndarray) -> None:
             "farther apart.",
             time=0.0,
             bodies=(a, b),
+        )
+
+
+def refuse_in_walls(model: Model, state: State) -> None:
+    """Refuse blocks that are put down inside a wall.
+
+    Parameters
+    ----------
+    model : Model
+    state : State
+
+    Raises
+    ------
+    SimulationError
+        With the deepest block; one whose centre is outside is told by the first step.
+    """
+    depth, block, wall = deepest_in_walls(
+        model, state.position, state.orientation, state.wall_point, state.wall_direction
+    )
+    if depth > _AT_START:
+        raise SimulationError(
+            f"block {block} is {depth * model.radius[block]:.3g} m inside wall {wall} at the start: put it farther in.",
+            time=state.time,
+            bodies=(block,),
         )
 
 

@@ -40,6 +40,8 @@ def _rotated(orientation: wp.quatd, spin: wp.vec3d, time: wp.float64) -> wp.quat
 @wp.func
 def _against(force: wp.float64, velocity: wp.float64, damping: wp.float64) -> wp.float64:
     """Cundall's local damping of one component."""
+    if velocity == _ZERO:
+        return force
     return force - damping * wp.abs(force) * wp.sign(velocity)
 
 
@@ -217,8 +219,11 @@ def block_step(scene: Scene, control: wp.array(dtype=wp.int32)) -> None:
     """A block on a GPU."""
     if control[0] == 0 and control[1] == 0:
         flags = move_block(scene, wp.tid())
-        if flags != 0:
+        # Two words, so that a stale list does not overwrite a fault.
+        if flags == STALE:
             control[2] = flags
+        elif flags != 0:
+            control[4] = flags
 
 
 @wp.kernel
@@ -232,8 +237,8 @@ def wall_chunk_step(scene: Scene, control: wp.array(dtype=wp.int32)) -> None:
 def wall_step(scene: Scene, chunks: wp.int32, control: wp.array(dtype=wp.int32)) -> None:
     """The walls on a GPU, then the end of the step."""
     if control[0] == 0:
-        if control[1] == 0 and (control[2] & ~STALE) == 0:
+        if control[1] == 0 and control[4] == 0:
             move_walls(scene, chunks)
             control[3] = control[3] + 1
-        if control[1] != 0 or control[2] != 0:
+        if control[1] != 0 or control[2] != 0 or control[4] != 0:
             control[0] = ENDED

@@ -87,6 +87,8 @@ class Model:
         for a, b in self.pairs:
             if not (0 <= a < len(self.materials) and 0 <= b < len(self.materials)):
                 raise SceneError(f"expected pairs of materials from 0 to {len(self.materials) - 1}, got ({a}, {b}).")
+            if a != b and (b, a) in self.pairs:
+                raise SceneError(f"expected each pair of materials once, got ({a}, {b}) and ({b}, {a}): leave one out.")
         gravity = np.asarray(self.gravity, dtype=np.float64)
         if gravity.shape != (3,) or not np.isfinite(gravity).all():
             raise SceneError(f"expected three finite components of gravity, got {self.gravity!r}.")

@@ -15,7 +15,7 @@ import numpy as np
 
 from lithoform.dem.energy import EnergyMonitor, energy
 from lithoform.dem.engine import Engine
-from lithoform.dem.faults import fault_of, refuse_overlaps
+from lithoform.dem.faults import fault_of, refuse_in_walls, refuse_overlaps
 from lithoform.dem.model import Model
 from lithoform.dem.scales import LARGEST_STEP, STEP, rayleigh_time
 from lithoform.dem.state import State
@@ -125,11 +125,14 @@ def simulate(
         If the blocks overlap at the start, leave the walls, or the motion is no number any more.
     """
     dt = _time_step(model, dt)
-    if not (math.isfinite(until) and until >= state.time):
+    # A run ends with the first step at or after its end, so that a finished one may be asked for again.
+    if not (math.isfinite(until) and until > state.time - max(dt, state.clock[2]) * (1.0 + 1e-6)):
         raise SceneError(f"expected an end of at least the state's time, {state.time:.6g} s; got {until!r}.")
     if report is not None and not (math.isfinite(report) and report > 0.0):
         raise SceneError(f"expected a positive time between reports, got {report!r}.")
     _check_state(model, state)
+    if state.step == 0:
+        refuse_in_walls(model, state)
     end = state.step + max(0, math.ceil((until - state.time) / dt - 1e-6))
     every = 0 if report is None else max(1, round(report / dt))
     rows, monitor = _Rows(), EnergyMonitor()
@@ -185,6 +188,8 @@ def simulate(
             final = engine.state() if not engine.faulty else None
             if checkpoint is not None and final is not None:
                 _save(checkpoint, model, final)
+        if interrupted():
+            raise KeyboardInterrupt
     assert final is not None
     return Run(final, rows.table(), dt, clock.perf_counter() - begin, monitor.growth)
 

@@ -10,9 +10,13 @@ from numpy.typing import ArrayLike
 
 from lithoform.dem.arrays import CANDIDATES
 from lithoform.dem.model import Model
+from lithoform.dem.walls import Motion
 from lithoform.errors import SceneError
 
 __all__ = ["State"]
+
+# A wall may be put this deep into a block, in radii: what a specimen under load has.
+IN_WALL = 0.05
 
 # Arrays of a state: name, type, and shape in blocks (n), walls (k), pairs (p), contacts with walls (n k).
 FIELDS: Mapping[str, tuple[str, tuple[str | int, ...]]] = {
@@ -39,9 +43,11 @@ FIELDS: Mapping[str, tuple[str, tuple[str | int, ...]]] = {
     "wall_point": ("f8", ("k", 3)),
     "wall_direction": ("f8", ("k", 3)),
     "wall_pivot": ("f8", ("k", 3)),
+    "wall_motion": ("f8", ("k", 9)),
     "wall_speed": ("f8", ("k",)),
     "wall_force": ("f8", ("k", 3)),
     "wall_work": ("f8", ("k",)),
+    "wall_power": ("f8", ("k",)),
     "wall_candidates": ("i4", ("nk", CANDIDATES)),
     "wall_candidate_count": ("i4", ("nk",)),
     "wall_budget": ("f8", ("nk",)),
@@ -89,12 +95,14 @@ class State:
         Tangential force [N] and rolling moment [N m] that the contact keeps.
     wall_point, wall_direction, wall_pivot : numpy.ndarray, shape (k, 3)
         Where the walls are [m].
+    wall_motion : numpy.ndarray, shape (k, 9)
+        Velocity, angular velocity and pivot of the motion to which the pivot belongs.
     wall_speed : numpy.ndarray, shape (k,)
         Of a servo along its normal [m/s].
     wall_force : numpy.ndarray, shape (k, 3)
         Of the blocks on each wall in the last step [N].
     wall_work : numpy.ndarray, shape (k,)
-        Of each wall on the blocks since the start [J].
+        Of each wall on the blocks since the start [J]; wall_power : in the last step [W].
     wall_contact_radius : numpy.ndarray, shape (n k,)
         Contact of block i with wall w at i k + w [m]; wall_contact_force : on the block [N], shape (n k, 3).
     others
@@ -128,9 +136,11 @@ class State:
     wall_point: np.ndarray
     wall_direction: np.ndarray
     wall_pivot: np.ndarray
+    wall_motion: np.ndarray
     wall_speed: np.ndarray
     wall_force: np.ndarray
     wall_work: np.ndarray
+    wall_power: np.ndarray
     wall_candidates: np.ndarray
     wall_candidate_count: np.ndarray
     wall_budget: np.ndarray
@@ -228,7 +238,16 @@ class State:
             for name, (kind, dimensions) in FIELDS.items()
             if name.startswith("wall_")
         }
-        return replace(self, **{**walls, **placed_walls(model)})
+        from lithoform.dem.clearances import deepest_in_walls
+
+        placed = placed_walls(model)
+        depth, block, wall = deepest_in_walls(
+            model, self.position, self.orientation, placed["wall_point"], placed["wall_direction"]
+        )
+        if depth > IN_WALL:
+            raise SceneError(f"expected walls around the blocks, but block {block} would be "
+                             f"{depth * model.radius[block]:.3g} m inside wall {wall}: move that wall.")  # fmt: skip
+        return replace(self, **{**walls, **placed})
 
     def angular_velocity(self, model: Model) -> np.ndarray:
         """[rad/s], world's frame, shape (n, 3)."""
@@ -246,7 +265,19 @@ def placed_walls(model: Model) -> dict[str, np.ndarray]:
         "wall_point": np.array([wall.point for wall in model.walls]).reshape(-1, 3),
         "wall_direction": np.array([wall.direction for wall in model.walls]).reshape(-1, 3),
         "wall_pivot": np.array(pivots, dtype=np.float64).reshape(-1, 3),
+        "wall_motion": motions_of(model),
     }
+
+
+def motions_of(model: Model) -> np.ndarray:
+    """Velocity, angular velocity and pivot of each wall's prescribed motion, shape (k, 9); 0 for a servo."""
+    rows = [
+        (*wall.motion.velocity, *wall.motion.angular_velocity, *wall.motion.pivot)
+        if isinstance(wall.motion, Motion)
+        else (0.0,) * 9
+        for wall in model.walls
+    ]
+    return np.array(rows, dtype=np.float64).reshape(-1, 9)
 
 
 def rotate(quaternion: np.ndarray, vector: np.ndarray) -> np.ndarray:
