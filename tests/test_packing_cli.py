@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import shutil
 import signal
 import stat
 import threading
@@ -22,6 +23,7 @@ from lithoform.database.building import Measures, build
 from lithoform.errors import FileFormatError, LithoformError, OutputError, RecipeError, SceneError
 from lithoform.figures.packing import Bed, packing_figure
 from lithoform.mesh_io import write_mesh
+from lithoform.packing.folder import clear_folder
 from lithoform.planning import Plan
 
 FORMS = ((1.0, 1.0, 1.0), (1.3, 1.0, 1.0), (1.0, 1.2, 1.4), (0.8, 1.0, 1.6), (1.1, 1.1, 0.9))
@@ -272,3 +274,38 @@ def test_the_walls_nearest_to_the_eye_are_cut_away(sides, drawing, monkeypatch):
     assert warm[int(np.median(rows)), columns.min() + 2 : columns.max() - 2].mean() > 0.7
     with pytest.raises(LithoformError, match="has none"):
         packing_figure(Bed(**{**vars(bed), "which": np.array([], dtype=int)}))
+
+
+def test_overwrite_and_resume_exclude_each_other(packed, stones):
+    with pytest.raises(OutputError, match="give one of them"):
+        run(str(stones), *SMALL, "--out", str(packed), "--seed", "3", "--resume", "--overwrite")
+
+
+def test_a_finished_packing_that_lost_a_file_is_not_taken_for_one(packed, stones, tmp_path):
+    out = tmp_path / "lossy"
+    shutil.copytree(packed, out)
+    (out / "blocks.csv").unlink()
+    with pytest.raises(OutputError, match=r"of which blocks\.csv is missing: give --overwrite"):
+        run(str(stones), *SMALL, "--out", str(out), "--seed", "3", "--resume")
+
+
+def test_an_overwrite_that_is_stopped_leaves_nothing_that_passes_for_finished(packed, tmp_path, monkeypatch):
+    out = tmp_path / "stopped"
+    shutil.copytree(packed, out)
+    settings = json.loads((out / "packing.json").read_text())["settings"]
+
+    def stop(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("lithoform.packing.folder._remove_series", stop)
+    with pytest.raises(KeyboardInterrupt):
+        clear_folder(out, settings)
+    assert json.loads((out / "packing.json").read_text())["finished"] is False
+
+
+def test_another_time_step_is_the_one_that_is_told(stones, tmp_path, capsys):
+    out = tmp_path / "step"
+    assert run(str(stones), *SMALL, "--out", str(out), "--dt", "2e-6", "--until", "1e-4", "--no-vtk") == 0
+    told = json.loads((out / "packing.json").read_text())
+    assert told["results"]["scales"]["step"] == told["results"]["time_step_s"] == 2e-6
+    assert "step 2.00e-06 s" in capsys.readouterr().out

@@ -176,8 +176,9 @@ def advance(
 ) -> None:
     """Thread `me` of `count`: up to `steps` steps, until a block has a fault or the pairs are stale.
 
-    Each thread takes every count-th chunk, and waits for the others after the pairs and after the blocks.  What a pair
-    or a block does depends on no other of the same phase: the result is the same whatever the number of threads.
+    Each thread takes chunks that follow each other, so that few lines of memory are shared, and waits for the others
+    after the pairs and after the blocks.  What a pair or a block does depends on no other of the same phase: the result
+    is the same whatever the number of threads.
     """
     block_count = scene.blocks.position.shape[0]
     pair_count = scene.pairs.first.shape[0]
@@ -185,13 +186,13 @@ def advance(
     pair_chunks = (pair_count + CHUNK - 1) / CHUNK
     for step in range(steps):
         flags = wp.int32(0)
-        for chunk in range(me, pair_chunks, count):
+        for chunk in range(me * pair_chunks / count, (me + 1) * pair_chunks / count):
             flags = flags | _evaluate_pairs(scene, chunk * CHUNK, wp.min((chunk + 1) * CHUNK, pair_count))
         pair_flags[16 * me] = flags
         _wait_for_all(epochs, me, count, 3 * step + 1, pause)
         if _any(pair_flags, count) != 0:
             break
-        for chunk in range(me, block_chunks, count):
+        for chunk in range(me * block_chunks / count, (me + 1) * block_chunks / count):
             flags = flags | _move_blocks(scene, chunk * CHUNK, wp.min((chunk + 1) * CHUNK, block_count))
             sum_chunk(scene, chunk)
         block_flags[16 * me] = flags

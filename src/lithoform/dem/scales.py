@@ -28,7 +28,7 @@ class Scales:
     rayleigh_time : float
         Least time that a Rayleigh wave takes round half a block [s].
     step : float
-        Proposed time step, 0.06 of it [s].
+        Time step: the one given, or 0.06 of it [s].
     kappa : float
         Contact stiffness (E / ((1 - nu^2) P))^(2/3); about the inverse of overlap over radius. Infinite at no pressure.
     inertial_number : float
@@ -84,7 +84,13 @@ def rayleigh_time(radius: float, material: Material) -> float:
 
 
 def scales(
-    model: Model, pressure: float = 0.0, rate: float = 0.0, *, duration: float = 0.0, threads: int | None = None
+    model: Model,
+    pressure: float = 0.0,
+    rate: float = 0.0,
+    *,
+    duration: float = 0.0,
+    dt: float | None = None,
+    threads: int | None = None,
 ) -> Scales:
     """Scales of a model under a pressure and a rate of shear.
 
@@ -97,6 +103,8 @@ def scales(
         Shear rate [1/s].
     duration : float
         To be simulated [s]; for the cost.
+    dt : float, optional
+        Time step, if another than the proposed one is taken [s].
     threads : int, optional
         For the cost; by default all processors.
 
@@ -110,7 +118,7 @@ def scales(
             raise SceneError(f"expected a {name} of at least 0, got {value!r}.")
     used = sorted({int(m) for m in model.material})
     least = min(rayleigh_time(float(model.radius[model.material == m].min()), model.materials[m]) for m in used)
-    step = STEP * least
+    step = STEP * least if dt is None else dt
     softest = min((model.materials[m] for m in used), key=lambda m: m.youngs_modulus / (1.0 - m.poisson_ratio**2))
     stiffness = softest.youngs_modulus / (1.0 - softest.poisson_ratio**2)
     kappa = (stiffness / pressure) ** (2.0 / 3.0) if pressure else math.inf

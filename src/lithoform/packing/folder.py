@@ -94,8 +94,10 @@ def clear_folder(out: Path, settings: dict[str, Any]) -> None:
     OutputError
         If a file cannot be removed or written.
     """
+    # First of all the numbers say that nothing is finished: if this is stopped, the files are still known as ours, and
+    # what is left of them is not taken for a packing.
+    write_numbers(out, settings, {}, finished=False)
     try:
-        # The numbers stay until the new ones take their place: if this is stopped, the files are still known as ours.
         for name in sorted(_FILES - {NUMBERS_FILE}):
             (out / name).unlink(missing_ok=True)
         for name in (VTK_FOLDER, MESHES_FOLDER):
@@ -103,7 +105,6 @@ def clear_folder(out: Path, settings: dict[str, Any]) -> None:
     except OSError as error:
         raise OutputError(f"the former packing in {out} cannot be removed: {error.strerror or error}.") from error
     remove_partials(out)
-    write_numbers(out, settings, {}, finished=False)
 
 
 def write_numbers(out: Path, settings: dict[str, Any], results: dict[str, Any], *, finished: bool) -> None:

@@ -203,6 +203,8 @@ def pack(
     """
     from lithoform.atomic import make_folder
 
+    if overwrite and resume:
+        raise OutputError("--overwrite starts anew and --resume goes on; give one of them.")
     container = Container.parse(request.container)
     rng = np.random.Generator(np.random.PCG64(request.seed))
     stones = find_stones(request.sources, unit=request.unit, select=request.select)
@@ -213,6 +215,10 @@ def pack(
     with folder_lock(out):
         former = check_folder(out, settings, overwrite=overwrite, resume=resume)
         if resume and former is not None and former["finished"]:
+            lost = [name for name in (BLOCKS_FILE, TABLE_FILE, CHECKPOINT_FILE) if not (out / name).is_file()]
+            if lost:
+                raise OutputError(f"{out} holds a finished packing of which {', '.join(lost)} is missing: give "
+                                  "--overwrite to make it anew.")  # fmt: skip
             return former["results"]
         chosen, which = np.unique(order, return_inverse=True)
         used = [stones[k] for k in chosen.tolist()]
@@ -228,7 +234,7 @@ def pack(
         if former is None or not resume:
             clear_folder(out, settings)
         remove_partials(out)
-        found = scales(model, _pressure(model, container), duration=plan.expected * given, threads=threads)
+        found = scales(model, _pressure(model, container), duration=plan.expected * given, dt=given, threads=threads)
         for line in _introduction(request, container, model, found, plan):
             told(line)
         names = [stone.name for stone in used]
