@@ -54,15 +54,18 @@ def pressed(count: int, shapes: tuple[dem.Shape, ...]) -> tuple[dem.Model, dem.S
     force = PRESSURE * math.pi * mould**2
     lid = float((state.position[:, 2] + model.bounding_radius).max())
 
-    def under(base: dem.Model, load: float, height: float) -> dem.Model:
-        servo = dem.Servo(force=load, mass=0.5 * float(model.mass.sum()), time=2e-3, max_speed=1.0)
-        platen = dem.Plane(point=(0.0, 0.0, height), normal=(0.0, 0.0, -1.0), motion=servo)
+    def servo(load: float) -> dem.Servo:
+        return dem.Servo(force=load, mass=0.5 * float(model.mass.sum()), time=2e-3, max_speed=1.0)
+
+    def under(base: dem.Model, motion: dem.Servo, height: float) -> dem.Model:
+        platen = dem.Plane(point=(0.0, 0.0, height), normal=(0.0, 0.0, -1.0), motion=motion)
         return base.with_walls(*base.walls[:2], platen)
 
     def holds(_: dem.Model, now: dem.State) -> bool:
         return abs(now.wall_force[2, 2] / (SOFTER * force) - 1.0) < 0.1 and abs(now.wall_speed[2]) < 0.02
 
-    press = under(replace(soft, gravity=(0.0, 0.0, -9.81)), SOFTER * force, lid)
+    press = under(replace(soft, gravity=(0.0, 0.0, -9.81)), servo(SOFTER * force), lid)
     state = dem.simulate(press, state.with_walls_of(press), until=state.time + 0.3, report=1e-3, stop=holds).state
-    hard = under(model, force, float(state.wall_point[2, 2]))
-    return hard, dem.simulate(hard, state.with_walls_of(hard), until=state.time + 1e-3).state
+    # The walls stay where they are.
+    hard = replace(press, materials=model.materials).with_motion(2, servo(force))
+    return hard, dem.simulate(hard, state, until=state.time + 1e-3).state

@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from test_dem_gjk import box_core
 
 from lithoform import Mesh, dem
+from lithoform.dem.clearances import shared_depths
 from lithoform.dem.jkr import NormalContact
 from lithoform.errors import SceneError
 
@@ -238,26 +239,41 @@ def test_sliding_block_speeds_up_as_coulomb_says():
 # ------------------------------------------------------------------------------------------ at rest on walls
 
 
-def resting_height(dimensions: tuple[float, float, float]) -> tuple[float, float, float]:
-    """Height of a box at rest on a plane above half of its thickness [m], Hertz's overlap [m], and its tilt [rad]."""
+def resting_height(dimensions: tuple[float, float, float]) -> tuple[float, float, float, float]:
+    """A box at rest on a plane: its centre above half of its thickness, Hertz's overlap, the scale [m]; tilt [rad]."""
     shape, turn = box(*dimensions)
     soft = replace(dem.TABLE_10.softened(0.001), surface_energy=0.0)
     model = dem.Model(shapes=(shape,), materials=(soft,), shape=[0], walls=(FLOOR,))
     state = dem.State.at_rest(model, [[0, 0, 0.5 * dimensions[2]]], [turn])
-    state = dem.simulate(model, state, until=0.1, threads=1).state
+    run = dem.simulate(model, state, until=0.1, threads=1)
+    state = run.state
     up = Rotation.from_quat(state.orientation[0]) * Rotation.from_quat(turn).inv()
     modulus = soft.youngs_modulus / (2.0 * (1.0 - soft.poisson_ratio**2))
     overlap = hertz_overlap(float(model.mass[0]) * GRAVITY, shape.radius, modulus)
     above = float(state.position[0, 2]) - 0.5 * dimensions[2]
-    return above, overlap, float(np.linalg.norm(up.as_rotvec()[:2]))
+    return above, overlap, float(shared_depths(model, run.dt)[0, 0]), float(np.linalg.norm(up.as_rotvec()[:2]))
 
 
 def test_box_at_rest_stands_on_its_face():
-    height, overlap, tilt = resting_height((0.02, 0.015, 0.01))
-    # The smooth maximum over the four corners adds ln 4 of its scale, 1e-4 radii, to the depth of each.
-    radius = (0.02 * 0.015 * 0.01 * 3.0 / (4.0 * math.pi)) ** (1.0 / 3.0)
-    assert height + overlap == pytest.approx(1e-4 * radius * math.log(4.0), rel=1e-2)
+    height, overlap, scale, tilt = resting_height((0.02, 0.015, 0.01))
+    # The smooth maximum over the four corners adds ln 4 of its scale to the depth of each.
+    assert height + overlap == pytest.approx(scale * math.log(4.0), rel=1e-2)
     assert tilt < 1e-6
+
+
+def test_a_cube_under_a_platen_does_not_rock():
+    """At the usual step a load of 380 N on a face shook it at 37 rad/s while vertices shared by 1e-4 radii alone."""
+    shape, turn = box(0.008, 0.00799, 0.00798)
+    platen = dem.Plane(point=(0, 0, 0.004), normal=(0, 0, -1), motion=dem.Servo(force=380.0, mass=0.05, time=1e-3))
+    floor = dem.Plane(point=(0, 0, -0.004), normal=(0, 0, 1))
+    model = dem.Model(shapes=(shape,), materials=(dem.TABLE_10.softened(0.1),), shape=[0], gravity=(0, 0, 0),
+                      walls=(floor, platen))  # fmt: skip
+    tilted = (Rotation.from_rotvec([1e-5, 2e-5, 0.0]) * Rotation.from_quat(turn)).as_quat()
+    spins = dem.simulate(
+        model, dem.State.at_rest(model, [[0, 0, 0]], [tilted]), until=2e-3, report=1e-5, threads=1,
+        observers={"spin": lambda _, state: {"": float(np.linalg.norm(state.spin))}},
+    ).table["spin"]  # fmt: skip
+    assert np.sqrt((spins[100:] ** 2).mean()) < 0.01
 
 
 def test_sphere_at_rest_in_a_cylinder_and_on_a_plane():

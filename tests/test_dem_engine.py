@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from dataclasses import replace
 
 import numpy as np
@@ -245,6 +246,59 @@ class TestStages:
         again = dem.simulate(model, run.state, until=1e-3)
         assert again.state.step == run.state.step
         assert same(again.state, run.state) == []
+        # Its end is reported all the same.
+        assert again.table["step"].tolist() == [run.state.step]
+
+    def test_walls_that_stay_keep_their_contacts(self):
+        ball = dem.Shape.sphere(0.005)
+        floor = dem.Plane(point=(0, 0, 0), normal=(0, 0, 1))
+        model = dem.Model(shapes=(ball,), materials=(SOFT,), shape=[0, 0], walls=(floor,), gravity=(3.0, 0, -9.81))
+        state = dem.State.at_rest(model, [[0, 0, 0.005], [0.02, 0, 0.005]])
+        state = dem.simulate(model, state, until=0.01).state
+        assert np.linalg.norm(state.wall_spring, axis=1).min() > 0.0
+        lid = dem.Plane(point=(0, 0, 0.02), normal=(0, 0, -1))
+        more = state.with_walls_of(model.with_walls(floor, lid))
+        assert (more.wall_spring.reshape(2, 2, 3)[:, 0] == state.wall_spring).all()
+        assert (more.wall_spring.reshape(2, 2, 3)[:, 1] == 0.0).all()
+        assert more.wall_force[0].tolist() == state.wall_force[0].tolist()
+        # Another order of the walls is another wall of that number.
+        turned = state.with_walls_of(model.with_walls(lid, floor))
+        assert (turned.wall_spring == 0.0).all()
+        # What goes on between the same walls is the same to the last bit.
+        until = state.time + 1e-3
+        plain, kept = (dem.simulate(model, s, until=until).state for s in (state, state.with_walls_of(model)))
+        assert same(plain, kept) == []
+
+    def test_reports_count_from_where_the_time_step_was_taken(self):
+        ball = dem.Shape.sphere(0.005)
+        model = dem.Model(shapes=(ball,), materials=(SOFT,), shape=[0], gravity=(0, 0, 0))
+        first = dem.simulate(model, dem.State.at_rest(model, [[0, 0, 0]]), until=7e-6, dt=1e-6)
+        assert first.state.step == 7
+        whole = dem.simulate(model, first.state, until=7e-6 + 40e-6, dt=2e-6, report=10e-6)
+        assert whole.table["step"].tolist() == [12, 17, 22, 27]
+        # Stopped between reports, it goes on with the same ones.
+        part = dem.simulate(model, first.state, until=7e-6 + 16e-6, dt=2e-6, report=10e-6)
+        rest = dem.simulate(model, part.state, until=7e-6 + 40e-6, dt=2e-6, report=10e-6)
+        assert part.table["step"].tolist() == [12, 15]
+        assert rest.table["step"].tolist() == [17, 22, 27]
+
+    def test_an_interrupt_does_not_lose_the_report_of_its_step(self):
+        ball = dem.Shape.sphere(0.005)
+        model = dem.Model(shapes=(ball,), materials=(SOFT,), shape=[0], gravity=(0, 0, 0))
+        reported = []
+
+        def note(_: dem.Model, state: dem.State) -> None:
+            reported.append(state.step)
+
+        def interrupt(_: dem.Model, state: dem.State) -> dict[str, float]:
+            if state.step == 10:
+                signal.raise_signal(signal.SIGINT)
+            return {"": 0.0}
+
+        with pytest.raises(KeyboardInterrupt):
+            dem.simulate(model, dem.State.at_rest(model, [[0, 0, 0]]), until=1e-3, dt=1e-6, report=5e-6, on_report=note,
+                         observers={"interrupt": interrupt})  # fmt: skip
+        assert reported == [5, 10]
 
     def test_a_cylinder_carried_about_a_distant_pivot_does_work(self):
         # A ball is carried along by the wall that hits it: what it gains is the work of the wall.

@@ -97,8 +97,44 @@ class TestAtTheStart:
             dem.State.at_rest(model(2), **given)
 
     def test_a_state_of_another_model_is_refused(self):
-        with pytest.raises(SceneError, match="expected a state of 3 blocks and 1 walls, got one of 2 and 1"):
+        with pytest.raises(SceneError, match="expected a state of 3 blocks, got one of 2"):
             dem.simulate(model(3), dem.State.at_rest(model(2), [[0, 0, 1], [0, 0, 2]]), until=1.0)
+
+    def test_a_state_of_other_blocks_or_walls_is_refused(self):
+        state = dem.State.at_rest(model(2), [[0, 0, 1], [0, 0, 2]])
+        with pytest.raises(SceneError, match="blocks of other shapes or sizes"):
+            dem.simulate(model(2, scale=[1.0, 2.0]), state, until=1.0)
+        around = model(2, walls=(dem.Cylinder(radius=1.0),))
+        for other in (around, model(2, walls=())):
+            with pytest.raises(SceneError, match=r"with the model's [01] walls, got one with 1 walls"):
+                dem.simulate(other, state, until=1.0)
+        with pytest.raises(SceneError, match="or of other kinds or radii"):
+            dem.simulate(model(2, walls=(dem.Cylinder(radius=2.0),)), state.with_walls_of(around), until=1.0)
+
+    def test_a_state_whose_indices_point_nowhere_is_refused(self):
+        scene = model(2, walls=(FLOOR,))
+        state = dem.simulate(scene, dem.State.at_rest(scene, [[0, 0, 0.006], [0, 0, 0.01601]]), until=1e-4).state
+        assert len(state.pair) == 1
+        beyond = {
+            "pair": [[0, 2]],
+            "simplex": np.full((1, 7), 10**6),
+            "wall_candidates": np.full_like(state.wall_candidates, -1),
+            "wall_candidate_count": [10**6, 0],
+        }
+        for name, values in beyond.items():
+            with pytest.raises(SceneError, match="indices point elsewhere"):
+                dem.simulate(scene, replace(state, **{name: np.array(values)}), until=1.0)
+
+    @pytest.mark.parametrize("changes", [{"lag": np.nan}, {"clock": (np.nan, 0, 1e-6)}, {"clock": (0.0, 5, 1e-6)}])
+    def test_a_clock_that_makes_no_sense_is_refused(self, changes):
+        state = replace(dem.State.at_rest(model(1), [[0, 0, 1]]), **changes)
+        with pytest.raises(SceneError):
+            dem.simulate(model(1), state, until=1.0)
+
+    @pytest.mark.parametrize("threads", [0, -1])
+    def test_no_threads_are_refused(self, threads):
+        with pytest.raises(SceneError, match=f"at least one thread, got {threads}"):
+            dem.simulate(model(1), dem.State.at_rest(model(1), [[0, 0, 1]]), until=1.0, threads=threads)
 
     def test_a_step_ten_times_too_large_is_refused(self):
         scene = model(1)

@@ -98,7 +98,8 @@ class Walls:
     direction : normal into the domain, or axis; pace, turning : magnitudes of the velocity and the angular velocity;
     speed : of a servo along its normal; turn : rotation of one step; servo : 1 where the wall is one; force : of the
     blocks on the wall; work : of the wall on the blocks [J], and present_power [W].
-    Contacts: candidates, candidate_count, budget : vertices that may take part, and the path for which that holds [m];
+    Contacts: shared : by what the depths of vertices that share a contact differ [m]; candidates, candidate_count,
+    budget : vertices that may take part, and the path for which that holds [m];
     radius, spring, twist as in Pairs; push : force on the block; power : of the wall on it [W].
     """
 
@@ -124,6 +125,7 @@ class Walls:
     force: wp.array(dtype=wp.vec3d)
     work: wp.array(dtype=wp.float64)
     present_power: wp.array(dtype=wp.float64)
+    shared: wp.array(dtype=wp.float64)
     candidates: wp.array(dtype=wp.int32)
     candidate_count: wp.array(dtype=wp.int32)
     budget: wp.array(dtype=wp.float64)

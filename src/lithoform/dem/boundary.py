@@ -15,9 +15,7 @@ _ONE = wp.constant(wp.float64(1.0))
 _HALF = wp.constant(wp.float64(0.5))
 # Path of a block for which the vertices that may come nearest to the wall are looked up, in bounding radii.
 _BUDGET = wp.constant(wp.float64(0.004))
-# Vertices share a contact where their depths differ by about this share of the block's radius ...
-_SHARED = wp.constant(wp.float64(1e-4))
-# ... and not where they differ by this many times as much: exp(-40) is below rounding.
+# Vertices do not share a contact where their depths differ by this many times the scale: exp(-40) is below rounding.
 _NONE = wp.constant(wp.float64(40.0))
 
 
@@ -75,7 +73,7 @@ def _look_up(scene: Scene, i: wp.int32, wall: wp.int32, h: wp.int32) -> wp.float
         least = wp.min(least, clearance)
     path = _BUDGET * blocks.bound[i]
     for _ in range(20):
-        reach = least + wp.float64(2.0) * path + _NONE * _SHARED * blocks.radius[i]
+        reach = least + wp.float64(2.0) * path + _NONE * scene.walls.shared[h]
         noted = wp.int32(0)
         for k in range(count):
             p = blocks.position[i] + turn @ (hulls.vertices[first + k] * blocks.scale[i])
@@ -95,10 +93,10 @@ def _look_up(scene: Scene, i: wp.int32, wall: wp.int32, h: wp.int32) -> wp.float
 def push_of_wall(scene: Scene, i: wp.int32, wall: wp.int32, path: wp.float64) -> WallPush:
     """Force of a wall on a block: one contact, whose depth and place are a smooth maximum over the vertices.
 
-    With the depths d of the vertices and the scale s the depth is s ln(sum exp(d / s)), and the force acts at the mean
-    of the vertices with the weights exp(d / s): that of the deepest alone, unless others are as deep.  A block so
-    stands on a face as it should, and the force has a potential.  `path` bounds what any point of the block moves in a
-    step [m].
+    With the depths d of the vertices and the scale s (`walls.shared`) the depth is s ln(sum exp(d / s)), and the force
+    acts at the mean of the vertices with the weights exp(d / s): that of the deepest alone, unless others are as deep.
+    A block so stands on a face as it should, and the force has a potential.  `path` bounds what any point of the block
+    moves in a step [m].
     """
     blocks = scene.blocks
     walls = scene.walls
@@ -136,7 +134,7 @@ def push_of_wall(scene: Scene, i: wp.int32, wall: wp.int32, path: wp.float64) ->
     # In the frame of the block, where the vertices are.
     near_axis = wp.quat_rotate_inv(blocks.orientation[i], axis)
     near_off = wp.quat_rotate_inv(blocks.orientation[i], off)
-    scale = _SHARED * blocks.radius[i]
+    scale = walls.shared[h]
     least = _ZERO
     weights = _ZERO
     arm = wp.vec3d(_ZERO, _ZERO, _ZERO)

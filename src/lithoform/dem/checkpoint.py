@@ -56,11 +56,7 @@ def write_checkpoint(path: str | os.PathLike[str], model: Model, state: State) -
         If the file cannot be written; the former one is then as it was.
     """
     sizes = {"blocks": len(state.position), "walls": len(state.wall_point), "pairs": len(state.pair)}
-    if (sizes["blocks"], sizes["walls"]) != (model.count, len(model.walls)):
-        raise SceneError(
-            f"expected a state of {model.count} blocks and {len(model.walls)} walls, got one of {sizes['blocks']} and "
-            f"{sizes['walls']}: write it with the model that it was made with."
-        )
+    state.require_model(model)
     header = {
         "lithoform": _lithoform(),
         "model": _identity(model),
@@ -210,38 +206,23 @@ def _state_of(header: dict[str, Any], content: memoryview, model: Model) -> Stat
         count = math.prod(shape)
         arrays[name] = np.frombuffer(content, _kind(name), count, at).reshape(shape).astype(FIELDS[name][0])
         at += count * _kind(name).itemsize
-    _check_indices(arrays, model)
     begin, begin_step, dt = header["clock"]
-    numbers = [float(begin), float(dt), float(header["lag"])]
-    steps = [header["step"], begin_step]
-    whole = all(type(step) is int and step >= 0 for step in steps) and type(header["fresh"]) is bool
-    if not (whole and all(map(math.isfinite, numbers))):
+    whole = all(type(step) is int and step >= 0 for step in (header["step"], begin_step))
+    if not (whole and type(header["fresh"]) is bool):
         raise ValueError("its clock makes no sense")
-    return State(
-        step=steps[0],
-        clock=(numbers[0], begin_step, numbers[1]),
-        lag=numbers[2],
-        fresh=header["fresh"],
-        **arrays,
-    )
-
-
-def _check_indices(arrays: dict[str, np.ndarray], model: Model) -> None:
-    """The kernels go where indices say without looking."""
-    vertices = np.array([len(shape.core.vertices) for shape in model.shapes])[model.shape]
-    pair, simplex = arrays["pair"], arrays["simplex"]
-    if not ((pair >= 0) & (pair < model.count)).all() or not (pair[:, 0] < pair[:, 1]).all():
-        raise ValueError("its pairs are not pairs of blocks of the model")
-    candidates = arrays["wall_candidates"].reshape(model.count, -1)
-    limits = [
-        (simplex[:, 0], 4),
-        (simplex[:, 1:4], vertices[pair[:, :1]]),
-        (simplex[:, 4:7], vertices[pair[:, 1:]]),
-        (candidates, vertices[:, None]),
-        (arrays["wall_candidate_count"], arrays["wall_candidates"].shape[1] + 1),
-    ]
-    if not all(((values >= 0) & (values < limit)).all() for values, limit in limits):
-        raise ValueError("its indices point to no vertex of the model")
+    try:
+        state = State(
+            step=header["step"],
+            clock=(float(begin), begin_step, float(dt)),
+            lag=float(header["lag"]),
+            fresh=header["fresh"],
+            blocks=model.block_fingerprint,
+            **arrays,
+        )
+        state.require_model(model)
+    except SceneError as error:
+        raise ValueError(str(error)) from error
+    return state
 
 
 def _fields() -> list[list[object]]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from lithoform.dem.arrays import CANDIDATES, CHUNK, CYLINDER, PLANE, Blocks, Pairs, Scene, Walls
 from lithoform.dem.broadphase import neighbour_entries
+from lithoform.dem.clearances import shared_depths
 from lithoform.dem.contact import PairLaw
 from lithoform.dem.gjk import Hulls, Simplex
 from lithoform.dem.materials import pair_constants
@@ -164,6 +165,7 @@ def _walls(model: Model, state: State, dt: float, device: str) -> Any:
         "present_power": state.wall_power,
         "budget": state.wall_budget,
         "radius": state.wall_contact_radius,
+        "shared": shared_depths(model, dt).ravel(),
         "power": np.zeros(model.count * count),
         "chunk_power": np.zeros(math.ceil(model.count / CHUNK) * count),
     }

@@ -19,7 +19,7 @@ from lithoform.dem.gjk import Simplex
 from lithoform.dem.integrate import advance, block_step, pair_step, wall_chunk_step, wall_step
 from lithoform.dem.model import Model
 from lithoform.dem.narrowphase import pair_gap
-from lithoform.dem.state import State, motions_of
+from lithoform.dem.state import State, motions_of, wall_radii
 from lithoform.dem.team import Team
 from lithoform.warp_runtime import default_threads, load, wp
 
@@ -158,7 +158,9 @@ class Engine:
             clock=self.clock,
             lag=self.lag,
             fresh=self._fresh,
+            blocks=self.model.block_fingerprint,
             wall_motion=motions_of(self.model),
+            wall_radius=wall_radii(self.model),
             **read_scene(self.scene),
         )
 

@@ -26,7 +26,7 @@ class Material:
     poisson_ratio : float
         nu, above -1 and at most 0.5.
     density : float
-        [kg/m^3]; of a wall it only enters the time step.
+        [kg/m^3]; that of a wall does not matter.
     restitution : float
         Coefficient of restitution e of a head-on impact without adhesion, above 0 and at most 1.
     sliding_friction, rolling_friction : float

@@ -147,17 +147,22 @@ class Model:
         return np.array([shape.core.margin for shape in self.shapes])[self.shape] * self.scale
 
     @cached_property
-    def fingerprint(self) -> str:
-        """SHA-256 of the shapes, the blocks and the materials: of what a checkpoint must agree with."""
+    def block_fingerprint(self) -> str:
+        """SHA-256 of the shapes and the blocks: of what a state must agree with."""
         digest = hashlib.sha256()
         for shape in self.shapes:
             for array in (shape.core.vertices, shape.core.faces, shape.inertia):
                 digest.update(np.ascontiguousarray(array).tobytes())
             digest.update(np.array([shape.core.margin, shape.volume]).tobytes())
-        for array in (self.shape, self.scale, self.material):
+        for array in (self.shape, self.scale):
             digest.update(array.tobytes())
-        digest.update(repr(self.materials).encode())
         return digest.hexdigest()
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """SHA-256 of the shapes, the blocks and the materials: of what a checkpoint must agree with."""
+        told = (self.block_fingerprint, self.material.tobytes().hex(), repr(self.materials))
+        return hashlib.sha256(repr(told).encode()).hexdigest()
 
     def _of_shapes(self, name: str) -> np.ndarray:
         return np.array([getattr(shape, name) for shape in self.shapes])[self.shape]

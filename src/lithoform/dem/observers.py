@@ -14,6 +14,7 @@ from typing import ClassVar, Final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from lithoform.dem.clearances import shared_depths
 from lithoform.dem.container import Container, solid_below
 from lithoform.dem.energy import energy
 from lithoform.dem.model import Model
@@ -37,10 +38,6 @@ __all__ = [
     "wall_forces",
     "wall_pushes",
 ]
-
-# Vertices share a contact with a wall where their depths differ by about this share of the block's radius, as in
-# `lithoform.dem.boundary`.
-_SHARED: Final = 1e-4
 
 
 def energies(model: Model, state: State) -> dict[str, float]:
@@ -338,6 +335,7 @@ def _mean(values: np.ndarray) -> float:
 def _on_walls(model: Model, state: State, block: np.ndarray, wall: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Normals of contacts towards the walls, and their places [m], both of shape (m, 3)."""
     toward, place = np.zeros((len(block), 3)), np.zeros((len(block), 3))
+    shared = shared_depths(model, state.clock[2])
     # Where the blocks were when the forces were evaluated: in a step the deepest point may jump to another vertex.
     position = state.position - state.velocity * (2.0 * state.lag)
     orientation = _turned_back(state.orientation, state.spin * state.lag)
@@ -351,7 +349,7 @@ def _on_walls(model: Model, state: State, block: np.ndarray, wall: np.ndarray) -
         made = model.walls[w]
         if isinstance(made, Cylinder):
             height = made.radius - np.linalg.norm(vertices - point - height[:, None] * direction, axis=1)
-        weights = np.exp((height.min() - height) / (_SHARED * model.radius[i]))
+        weights = np.exp((height.min() - height) / shared[i, w])
         arm = (weights[:, None] * vertices).sum(axis=0) / weights.sum()
         outward = -direction
         if isinstance(made, Cylinder):

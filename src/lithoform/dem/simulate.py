@@ -130,7 +130,9 @@ def simulate(
         raise SceneError(f"expected an end of at least the state's time, {state.time:.6g} s; got {until!r}.")
     if report is not None and not (math.isfinite(report) and report > 0.0):
         raise SceneError(f"expected a positive time between reports, got {report!r}.")
-    _check_state(model, state)
+    if threads is not None and threads < 1:
+        raise SceneError(f"expected at least one thread, got {threads}.")
+    state.require_model(model)
     if state.step == 0:
         refuse_in_walls(model, state)
     end = state.step + max(0, math.ceil((until - state.time) / dt - 1e-6))
@@ -161,8 +163,10 @@ def simulate(
             refuse_overlaps(model, *engine.gaps)
         batch, ended, looked = 16, False, False
         try:
+            if engine.step == end:
+                reported(engine.state())
             while engine.step < end and not ended:
-                next_report = end if report is None else min(end, (engine.step // every + 1) * every)
+                next_report = end if report is None else min(end, _next(engine.step, engine.clock[1], every))
                 asked = min(batch, next_report - engine.step)
                 launched = clock.perf_counter()
                 made = engine.run(asked)
@@ -174,12 +178,13 @@ def simulate(
                     # After the first step, since the contacts of blocks that are put down are not yet known before.
                     now, looked = engine.state(), True
                     monitor.look(energy(model, now), now.time)
-                if interrupted():
-                    raise KeyboardInterrupt
                 if made.steps == asked == batch:
                     batch = max(1, min(4 * batch, int(batch * _LAUNCH / max(spent, 1e-6))))
                 if engine.step == next_report:
                     ended = reported(engine.state())
+                # After the report, since the run goes on behind this step.
+                if interrupted():
+                    raise KeyboardInterrupt
                 if checkpoint is not None and clock.perf_counter() - saved > checkpoint_every:
                     _save(checkpoint, model, engine.state())
                     saved = clock.perf_counter()
@@ -208,6 +213,11 @@ def _interrupts_between_launches() -> Iterator[Callable[[], bool]]:
         signal.signal(signal.SIGINT, former)
 
 
+def _next(step: int, begin: int, every: int) -> int:
+    """Step of the next report: counted from where the time step began to be used, as by a run that is resumed."""
+    return begin + ((step - begin) // every + 1) * every
+
+
 def _time_step(model: Model, dt: float | None) -> float:
     least = min(
         rayleigh_time(float(model.radius[model.material == m].min()), model.materials[m])
@@ -224,14 +234,6 @@ def _time_step(model: Model, dt: float | None) -> float:
             "it."
         )
     return dt
-
-
-def _check_state(model: Model, state: State) -> None:
-    if len(state.position) != model.count or len(state.wall_point) != len(model.walls):
-        raise SceneError(
-            f"expected a state of {model.count} blocks and {len(model.walls)} walls, got one of {len(state.position)} "
-            f"and {len(state.wall_point)}: make it with State.at_rest, or with_walls_of for other walls."
-        )
 
 
 def _save(path: Path, model: Model, state: State) -> None:

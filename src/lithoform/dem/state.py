@@ -44,6 +44,7 @@ FIELDS: Mapping[str, tuple[str, tuple[str | int, ...]]] = {
     "wall_direction": ("f8", ("k", 3)),
     "wall_pivot": ("f8", ("k", 3)),
     "wall_motion": ("f8", ("k", 9)),
+    "wall_radius": ("f8", ("k",)),
     "wall_speed": ("f8", ("k",)),
     "wall_force": ("f8", ("k", 3)),
     "wall_work": ("f8", ("k",)),
@@ -72,6 +73,8 @@ class State:
         By how much the velocities and momenta are behind the positions [s]: 0 at the start, half a step later.
     fresh : bool
         Whether pairs of blocks are yet to be looked for.
+    blocks : str
+        Fingerprint of the shapes and the blocks of the model that the state belongs to.
     position : numpy.ndarray, shape (n, 3)
         Centres of mass [m].
     orientation : numpy.ndarray, shape (n, 4)
@@ -97,6 +100,8 @@ class State:
         Where the walls are [m].
     wall_motion : numpy.ndarray, shape (k, 9)
         Velocity, angular velocity and pivot of the motion to which the pivot belongs.
+    wall_radius : numpy.ndarray, shape (k,)
+        Of a cylinder [m]; 0 for a plane.
     wall_speed : numpy.ndarray, shape (k,)
         Of a servo along its normal [m/s].
     wall_force : numpy.ndarray, shape (k, 3)
@@ -113,6 +118,7 @@ class State:
     clock: tuple[float, int, float]
     lag: float
     fresh: bool
+    blocks: str
     position: np.ndarray
     orientation: np.ndarray
     velocity: np.ndarray
@@ -137,6 +143,7 @@ class State:
     wall_direction: np.ndarray
     wall_pivot: np.ndarray
     wall_motion: np.ndarray
+    wall_radius: np.ndarray
     wall_speed: np.ndarray
     wall_force: np.ndarray
     wall_work: np.ndarray
@@ -227,27 +234,92 @@ class State:
             name: np.zeros(tuple(sizes[d] if isinstance(d, str) else d for d in dimensions), dtype=kind)
             for name, (kind, dimensions) in FIELDS.items()
         }
-        return cls(step=0, clock=(0.0, 0, 0.0), lag=0.0, fresh=True, **{**empty, **given})
+        return cls(
+            step=0, clock=(0.0, 0, 0.0), lag=0.0, fresh=True, blocks=model.block_fingerprint, **{**empty, **given}
+        )
 
     def with_walls_of(self, model: Model) -> State:
-        """The same blocks and their contacts between the walls of a model, placed anew."""
-        n, k = len(self.position), len(model.walls)
-        sizes = {"n": n, "k": k, "p": 0, "nk": n * k}
-        walls = {
-            name: np.zeros(tuple(sizes[d] if isinstance(d, str) else d for d in dimensions), dtype=kind)
-            for name, (kind, dimensions) in FIELDS.items()
-            if name.startswith("wall_")
-        }
+        """The same blocks and their contacts between the walls of a model.
+
+        A wall that is as it was, where it is, keeps its number and its contacts; others are placed anew.
+
+        Raises
+        ------
+        SceneError
+            If the model has other blocks, or a wall that is placed would be inside a block.
+        """
         from lithoform.dem.clearances import deepest_in_walls
 
+        self.require_blocks_of(model)
+        n, k = len(self.position), len(model.walls)
         placed = placed_walls(model)
+        both = min(k, len(self.wall_point))
+        stays = np.zeros(k, dtype=bool)
+        stays[:both] = np.all(
+            [
+                (placed[name][:both] == getattr(self, name)[:both]).reshape(both, -1).all(axis=1)
+                for name in ("wall_point", "wall_direction", "wall_radius")
+            ],
+            axis=0,
+        )
         depth, block, wall = deepest_in_walls(
-            model, self.position, self.orientation, placed["wall_point"], placed["wall_direction"]
+            model, self.position, self.orientation, placed["wall_point"], placed["wall_direction"], ~stays
         )
         if depth > IN_WALL:
             raise SceneError(f"expected walls around the blocks, but block {block} would be "
                              f"{depth * model.radius[block]:.3g} m inside wall {wall}: move that wall.")  # fmt: skip
-        return replace(self, **{**walls, **placed})
+        kept = np.flatnonzero(stays)
+        walls = {}
+        for name, (kind, dimensions) in FIELDS.items():
+            if name.startswith("wall_"):
+                rows = n if dimensions[0] == "nk" else 1
+                rest = tuple(int(d) for d in dimensions[1:])
+                array = np.zeros((rows, k, *rest), dtype=kind)
+                if name in placed:
+                    array[0] = placed[name]
+                array[:, kept] = getattr(self, name).reshape(rows, -1, *rest)[:, kept]
+                walls[name] = array.reshape(-1, *rest)
+        return replace(self, **walls)
+
+    def require_blocks_of(self, model: Model) -> None:
+        """Refuse a model with other blocks than those of the state.
+
+        Raises
+        ------
+        SceneError
+        """
+        if len(self.position) != model.count:
+            raise SceneError(
+                f"expected a state of {model.count} blocks, got one of {len(self.position)}: make it with "
+                "State.at_rest."
+            )
+        if self.blocks != model.block_fingerprint:
+            raise SceneError(
+                "expected a state of the model's own blocks, got one of blocks of other shapes or sizes: make it with "
+                "State.at_rest."
+            )
+
+    def require_model(self, model: Model) -> None:
+        """Refuse a model of which this is no state: other blocks, other walls, indices that point nowhere.
+
+        Raises
+        ------
+        SceneError
+        """
+        self.require_blocks_of(model)
+        if len(self.wall_point) != len(model.walls) or not np.array_equal(self.wall_radius, wall_radii(model)):
+            raise SceneError(
+                f"expected a state with the model's {len(model.walls)} walls, got one with "
+                f"{len(self.wall_point)} walls, or of other kinds or radii: make it with with_walls_of."
+            )
+        numbers = (*self.clock, self.lag)
+        if not (np.isfinite(numbers).all() and self.clock[1] <= self.step and self.clock[2] >= 0.0 <= self.lag):
+            raise SceneError(
+                f"expected a finite clock and lag, got {self.clock!r} and {self.lag!r}: take a state as a run left it."
+            )
+        if not _points_somewhere(self.arrays(), model):
+            raise SceneError("expected pairs of the model's blocks and vertices of their shapes; the state's indices "
+                             "point elsewhere: take a state as a run left it.")  # fmt: skip
 
     def angular_velocity(self, model: Model) -> np.ndarray:
         """[rad/s], world's frame, shape (n, 3)."""
@@ -266,7 +338,13 @@ def placed_walls(model: Model) -> dict[str, np.ndarray]:
         "wall_direction": np.array([wall.direction for wall in model.walls]).reshape(-1, 3),
         "wall_pivot": np.array(pivots, dtype=np.float64).reshape(-1, 3),
         "wall_motion": motions_of(model),
+        "wall_radius": wall_radii(model),
     }
+
+
+def wall_radii(model: Model) -> np.ndarray:
+    """Radius of each cylinder [m], 0 for planes, shape (k,)."""
+    return np.array([getattr(wall, "radius", 0.0) for wall in model.walls], dtype=np.float64)
 
 
 def motions_of(model: Model) -> np.ndarray:
@@ -278,6 +356,23 @@ def motions_of(model: Model) -> np.ndarray:
         for wall in model.walls
     ]
     return np.array(rows, dtype=np.float64).reshape(-1, 9)
+
+
+def _points_somewhere(arrays: Mapping[str, np.ndarray], model: Model) -> bool:
+    """Whether all indices are of blocks and vertices of the model: the kernels go where they say without looking."""
+    vertices = np.array([len(shape.core.vertices) for shape in model.shapes])[model.shape]
+    pair, simplex = arrays["pair"], arrays["simplex"]
+    if not ((pair >= 0) & (pair < model.count)).all() or not (pair[:, 0] < pair[:, 1]).all():
+        return False
+    candidates = arrays["wall_candidates"].reshape(model.count, -1)
+    limits = [
+        (simplex[:, 0], 4),
+        (simplex[:, 1:4], vertices[pair[:, :1]]),
+        (simplex[:, 4:7], vertices[pair[:, 1:]]),
+        (candidates, vertices[:, None]),
+        (arrays["wall_candidate_count"], CANDIDATES + 1),
+    ]
+    return all(((values >= 0) & (values < limit)).all() for values, limit in limits)
 
 
 def rotate(quaternion: np.ndarray, vector: np.ndarray) -> np.ndarray:
