@@ -15,8 +15,8 @@ _ONE = wp.constant(wp.float64(1.0))
 _HALF = wp.constant(wp.float64(0.5))
 # Path of a block for which the vertices that may come nearest to the wall are looked up, in bounding radii.
 _BUDGET = wp.constant(wp.float64(0.004))
-# Vertices do not share a contact where their depths differ by this many times the scale: exp(-40) is below rounding.
-_NONE = wp.constant(wp.float64(40.0))
+# Vertices do not share a contact where their depths differ by this many times the scale: exp(-20) is 2e-9.
+_NONE = wp.constant(wp.float64(20.0))
 
 
 @wp.struct

@@ -12,9 +12,9 @@ __all__ = ["deepest_in_walls", "shared_depths"]
 
 # Vertices share a contact with a wall where their depths differ by about this share of the block's radius ...
 _SHARED = 1e-4
-# ... or this many times F dt^2 / m, F the force at the deepest contact that is no fault. A plate on a scale s rocks at
-# sqrt(3 F / (s m)): at most 1.5 / dt, and leapfrog is stable below 2 / dt.
-_STEADY = 4.0 / 3.0
+# ... or this many times F dt^2 / m, F the force at a depth of this many radii, more than a sound simulation has. A plate
+# on a scale s rocks at sqrt(3 F / (s m)): at most 1 / dt, and leapfrog is stable below 2 / dt.
+_STEADY, _DEEP = 3.0, 0.03
 
 
 def shared_depths(model: Model, dt: float) -> np.ndarray:
@@ -31,7 +31,7 @@ def shared_depths(model: Model, dt: float) -> np.ndarray:
         modulus = np.array([
             pair_constants(material, model.materials[wall.material])["modulus"] for material in model.materials
         ])[model.material]  # fmt: skip
-        force = 4.0 / 3.0 * modulus * np.sqrt(model.radius) * (2.0 * model.margin) ** 1.5
+        force = 4.0 / 3.0 * modulus * model.radius**2 * _DEEP**1.5
         shared[:, w] = np.maximum(_SHARED * model.radius, _STEADY * force * dt**2 / model.mass)
     return shared
 
