@@ -55,7 +55,7 @@ def rates(model: dem.Model, state: dem.State, threads: tuple[int, ...], steps: i
     return {n: statistics.median(values) for n, values in found.items()}
 
 
-def yade(shapes: tuple[dem.Shape, ...], count: int, vertices: int, steps: int) -> float | None:
+def yade(shapes: tuple[dem.Shape, ...], count: int, vertices: int, steps: int) -> dict[str, float] | None:
     """Block-steps per second of YADE's polyhedra with hulls of about so many vertices; None where it is not there."""
     program = shutil.which("yade") or shutil.which("yade-batch")
     if program is None:
@@ -69,12 +69,14 @@ def yade(shapes: tuple[dem.Shape, ...], count: int, vertices: int, steps: int) -
         hulls.append(core[np.unique((core @ directions.T).argmax(axis=0))].tolist())
     with tempfile.TemporaryDirectory() as folder:
         task, answer = Path(folder) / "task.json", Path(folder) / "answer.json"
-        task.write_text(json.dumps({"hulls": hulls, "count": count, "steps": steps, "answer": str(answer)}))
+        task.write_text(
+            json.dumps({"hulls": hulls, "count": count, "steps": steps, "patience": 150, "answer": str(answer)})
+        )
         given = {**os.environ, "LITHOFORM_TASK": str(task)}
         subprocess.run(
             [program, "-j1", "-n", "-x", str(PEER)], env=given, check=False, capture_output=True, timeout=900
         )
-        return json.loads(answer.read_text())["block_steps_per_second"] if answer.exists() else None
+        return json.loads(answer.read_text()) if answer.exists() else None
 
 
 def memory() -> tuple[float, float]:
@@ -118,8 +120,11 @@ def main() -> None:
         if peer is None:
             console.print("YADE is not installed here: no comparison (Debian package yade).")
         else:
-            times = f"ours, full hulls: {ours / peer:.0f} times as many"
-            console.print(f"YADE's polyhedra, about 50 vertices: {peer:,.0f} block-steps/s on one core; {times}.")
+            rate = peer["block_steps_per_second"]
+            console.print(
+                f"YADE's polyhedra, about 50 vertices, {peer['contacts_per_block']:.2f} contacts a block: {rate:,.0f} "
+                f"block-steps/s on one core over {peer['steps']} steps; ours, full hulls: {ours / rate:.0f} times."
+            )
     if options.memory:
         done = subprocess.run(
             [sys.executable, __file__, "--measure-memory"], check=True, capture_output=True, text=True

@@ -75,6 +75,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "sidecar": {"atomic", "errors", "mesh", "mesh_io"},
     "progress": set(),
     "locking": {"errors"},
+    "result_folder": {"atomic", "errors", "locking"},
     "planning": FOUNDATION | {"feasibility", "mesh_io", "population_recipe", "recipe_io", "sidecar"},
     "production": FOUNDATION
     | {"atomic", "generation", "locking", "mesh_io", "particle", "planning", "progress", "sidecar"},
@@ -133,11 +134,25 @@ MAY_IMPORT: dict[str, set[str]] = {
         "mesh_io",
         "parallel",
         "progress",
+        "result_folder",
         "scans",
         "seeds",
         "sidecar",
     },
-    "compaction": {"dem", "errors", "mesh"},
+    "compaction": {
+        "atomic",
+        "database",
+        "dem",
+        "errors",
+        "gradation",
+        "locking",
+        "packing",
+        "parallel",
+        "progress",
+        "result_folder",
+        "seeds",
+        "sidecar",
+    },
     "export": {"dem", "errors", "mesh"},
     # results in, pictures and pages out; nothing is computed anew
     "rendering": {"errors", "mesh"},
@@ -189,6 +204,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "warp_runtime",
     },
     "report": {"database", "errors", "statistics"},
+    "compaction_report": {"compaction", "dem", "figures", "report"},
     "comparison_report": {"atomic", "descriptors", "errors", "figures", "report", "sidecar", "statistics"},
 }
 # On top: these may import everything below them, `__init__` so as to hand it on.

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import os
 import shutil
 import signal
 import stat
 import threading
 import time
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -18,12 +20,24 @@ import pytest
 from cyclopts import App
 from wavy import is_drawn, stone
 
+from lithoform import dem
 from lithoform.cli.packing import pack
 from lithoform.database.building import Measures, build
-from lithoform.errors import FileFormatError, LithoformError, OutputError, RecipeError, SceneError
+from lithoform.database.meshes import choose
+from lithoform.database.store import Store
+from lithoform.errors import (
+    FileFormatError,
+    LithoformError,
+    MeshError,
+    OutputError,
+    RecipeError,
+    SampleError,
+    SceneError,
+    SimulationError,
+)
 from lithoform.figures.packing import Bed, packing_figure
 from lithoform.mesh_io import write_mesh
-from lithoform.packing.folder import clear_folder
+from lithoform.packing.folder import FOLDER
 from lithoform.planning import Plan
 
 FORMS = ((1.0, 1.0, 1.0), (1.3, 1.0, 1.0), (1.0, 1.2, 1.4), (0.8, 1.0, 1.6), (1.1, 1.1, 0.9))
@@ -33,7 +47,7 @@ SMALL = ("--container", "cylinder:60mm:60mm", "--count", "24", "--stiffness-fact
 def run(*words: str) -> int:
     """Run the command; an option given twice counts as given last."""
     given = [*words]
-    for option in ("--container", "--count", "--seed", "--threads"):
+    for option in ("--container", "--count", "--seed", "--threads", "--stiffness-factor"):
         while given.count(option) > 1:
             at = given.index(option)
             del given[at : at + 2]
@@ -143,7 +157,7 @@ def test_interrupted_and_resumed_it_is_the_same(packed, stones, tmp_path, capsys
     assert json.loads((out / "packing.json").read_text())["finished"] is False
     with pytest.raises(OutputError, match="--resume goes on"):
         run(*words)
-    with pytest.raises(OutputError, match=r"other settings \(seed differ\)"):
+    with pytest.raises(OutputError, match=r"other settings \(seed differs\)"):
         run(*words[:-1], "4", "--resume")
     assert run(*words, "--resume") == 0
     for name in ("blocks.csv", "table.parquet", "packing.checkpoint", "vtk/blocks.pvd", "packing.png"):
@@ -186,6 +200,26 @@ def test_a_database_is_packed_with_stones_made_anew(tmp_path):
     assert sorted(packed) == pytest.approx(sorted(volumes[:4]), rel=1e-9)
     with pytest.raises(LithoformError, match="none is chosen"):
         run(str(store), *words, "--out", str(tmp_path / "q"), "--select", "number > 99")
+    for chosen, told in (
+        ("", "got an empty one: leave it out to take all"),
+        ("  ;", "got an empty one"),
+        ("-- all", "expected a condition such as"),
+        ("1=1; drop table particles", "got 2 statements: give one"),
+        ("1=1) or (1=1", "syntax error"),
+        ("1) union select * from particles where (1=1", "syntax error"),
+        ("select source, number from particles) union (select source, number from particles", "syntax error"),
+        ("select 1; select 2", "got 2 statements"),
+        ("'", "unterminated"),
+    ):
+        with pytest.raises(SampleError, match=told):
+            run(str(store), *words, "--out", str(tmp_path / "q"), f"--select={chosen}")
+    table = choose(Store(store), ["number"], "number in (2, 3) -- a comment")
+    assert table["number"].to_pylist() == [2, 3]
+    assert choose(Store(store), ["number"], " number <= 2 ; ")["number"].to_pylist() == [1, 2]
+    assert choose(Store(store), ["number"], "class <> ')' and (number = 4)")["number"].to_pylist() == [4]
+    # The way out that is given for stones that cannot be used.
+    kept = choose(Store(store), ["number"], "(source, number) not in (('generated', 1), ('generated', 5))")
+    assert kept["number"].to_pylist() == [2, 3, 4, 6]
 
 
 @pytest.mark.parametrize(
@@ -195,8 +229,17 @@ def test_a_database_is_packed_with_stones_made_anew(tmp_path):
         (["--container", "barrel:1m:1m"], RecipeError, "expected a container such as"),
         (["--container", "cylinder:12mm:60mm"], SceneError, "so that the largest stone fits"),
         (["--seed", "-1"], RecipeError, "seed must be 0"),
-        (["--threads", "0"], RecipeError, "--threads of at least 1"),
+        (["--threads", "0"], RecipeError, "--threads from 1 to 10000; got 0"),
         (["--dt", "1"], SceneError, "leave it out to take"),
+        (["--dt", "1e-300"], SceneError, "at most 10,000,000,000 steps; until they rest"),
+        (["--until", "1e300"], SceneError, r"at most 10,000,000,000 steps; --until 1e\+300 takes"),
+        (["--until", "1e308", "--dt", "1e-320"], SceneError, r"takes far more of 1e-320 s: give a longer --dt"),
+        (["--gravity", "9e4"], SceneError, "fewer stones or a smaller --gravity"),
+        (["--gravity", "1e300"], RecipeError, "--gravity from"),
+        (["--stiffness-factor", "1e-9"], SceneError, "give --stiffness-factor of at least"),
+        (["--container", "cylinder:1e300m:1m"], RecipeError, "at most 1000 m"),
+        (["--unit", "um"], SceneError, r"unit of their files with --unit"),
+        (["--unit", "m"], SceneError, r"unit of their files with --unit"),
         (["--unit", "furlong"], FileFormatError, "furlong"),
         (["--select", "class = 'cube'"], RecipeError, "none is given"),
     ],
@@ -224,6 +267,92 @@ def test_sources_without_stones_are_refused(stones, tmp_path):
         run(*SMALL, "--out", str(tmp_path / "p"))
     with pytest.raises(OutputError, match="name another place"):
         run(str(stones), *SMALL, "--out", str(stones / "p"))
+
+
+def test_a_unit_that_is_wrong_is_told_and_the_right_one_packs(tmp_path, capsys):
+    body = stone(0.15, scale=0.006, n=6)
+    for i in range(3):
+        write_mesh(tmp_path / f"{i}.stl", body, unit="m")
+    words = [*SMALL, "--out", str(tmp_path / "out"), "--until", "1e-4", "--no-vtk", "--count", "3"]
+    given = [str(tmp_path / f"{i}.stl") for i in range(3)]
+    with pytest.raises(SceneError, match="give the unit of their files with --unit"):
+        run(*given, *words)
+    assert run(*given, *words, "--unit", "m") == 0
+    out = capsys.readouterr().out
+    diameter = 2e3 * (3.0 * body.volume / (4.0 * math.pi)) ** (1.0 / 3.0)
+    assert f"Diameters of the spheres of equal volume: {diameter:.4g} mm." in out
+    assert "very small" not in out
+    # A single stone in a wide container is packed, and told of.
+    words = [given[0], "--unit", "m", "--container", "cylinder:3m:1m", "--device", "cpu", "--until", "1e-4", "--no-vtk"]
+    assert run(*words, "--out", str(tmp_path / "wide")) == 0
+    assert "very small for the container" in capsys.readouterr().out
+
+
+def test_stones_that_cannot_be_used_are_all_named(stones, tmp_path):
+    body = stone(0.15, scale=0.006, n=6)
+    for i, thickness in enumerate((1.0, 0.001, 1.0, 0.001)):
+        write_mesh(tmp_path / f"{i}.stl", body.with_vertices(body.vertices * [1.0, 1.0, thickness]))
+    with pytest.raises(MeshError, match=r"^2 of 4 stones .*1\.stl, .*3\.stl\); the first .*; leave those files out\.$"):
+        run(str(tmp_path), *SMALL, "--count", "4", "--out", str(tmp_path.parent / "thin"))
+
+
+def refuse(*_: object, **__: object) -> None:
+    raise SimulationError("block 3 is deeper in a wall than twice its rounding (0.0004 m) at t = 1 s: be careful.")
+
+
+def test_a_first_step_that_fails_costs_no_former_packing(packed, stones, tmp_path, monkeypatch):
+    out = tmp_path / "former"
+    shutil.copytree(packed, out)
+    before = {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
+    monkeypatch.setattr("lithoform.packing.run.simulate", refuse)
+    with pytest.raises(SimulationError, match=r"^stone 4 \(.*\d\.stl\) is deeper .* give a --dt below"):
+        run(str(stones), *SMALL, "--out", str(out), "--seed", "9", "--overwrite")
+    assert {path: path.read_bytes() for path in out.rglob("*") if path.is_file()} == before
+    # Nor does it leave a packing that would have to be overwritten.
+    with pytest.raises(SimulationError):
+        run(str(stones), *SMALL, "--out", str(tmp_path / "new"))
+    assert not list((tmp_path / "new").iterdir())
+
+
+def test_a_simulation_that_fails_names_the_stone_as_the_table_does(packed, stones, tmp_path, monkeypatch):
+    monkeypatch.setattr("lithoform.packing.run.settle", refuse)
+    with pytest.raises(SimulationError) as raised:
+        run(str(stones), *SMALL, "--seed", "3", "--out", str(tmp_path / "p"), "--no-vtk")
+    number, name = (packed / "blocks.csv").read_text().splitlines()[4].split(",")[:2]
+    assert str(raised.value).startswith(f"stone {number} ({name}) is deeper")
+    assert "a --stiffness-factor above 0.001" in str(raised.value)
+
+
+def test_warnings_are_told_in_a_line(stones, tmp_path, monkeypatch, capsys):
+    def settle(model, state, *_: object, **__: object) -> None:
+        warnings.warn("the energy grew", dem.EnergyWarning, stacklevel=1)
+        raise SimulationError("block 0 is gone at t = 1 s: be careful.")
+
+    monkeypatch.setattr("lithoform.packing.run.settle", settle)
+    with warnings.catch_warnings():
+        warnings.simplefilter("always")
+        with pytest.raises(SimulationError):
+            run(str(stones), *SMALL, "--out", str(tmp_path / "p"), "--no-vtk")
+        shown = warnings.showwarning
+    assert "lithoform: warning: the energy grew\n" in capsys.readouterr().err
+    assert shown is warnings.showwarning
+
+
+def test_a_run_that_is_to_go_on_where_there_is_none_begins(stones, tmp_path, capsys):
+    words = [str(stones), *SMALL, "--out", str(tmp_path / "p"), "--until", "1e-4", "--no-vtk", "--resume"]
+    assert run(*words) == 0
+    assert "holds no packing to go on with: it is begun" in capsys.readouterr().out
+
+
+def test_files_whose_names_are_no_text_are_packed(stones, tmp_path):
+    given = tmp_path / os.fsdecode(b"st\xe4ne.stl")
+    try:
+        shutil.copy(stones / "0.stl", given)
+    except OSError:
+        pytest.skip("this file system takes no such name")
+    assert run(str(given), *SMALL, "--out", str(tmp_path / "p"), "--until", "1e-4", "--no-vtk", "--count", "2") == 0
+    settings = json.loads((tmp_path / "p" / "packing.json").read_text())["settings"]
+    assert settings["sources"] == [str(given)]
 
 
 def test_folders_of_others_are_left_alone(stones, tmp_path):
@@ -284,6 +413,11 @@ def test_overwrite_and_resume_exclude_each_other(packed, stones):
 def test_a_finished_packing_that_lost_a_file_is_not_taken_for_one(packed, stones, tmp_path):
     out = tmp_path / "lossy"
     shutil.copytree(packed, out)
+    told = json.loads((out / "packing.json").read_text())
+    del told["results"]["packing_density"]
+    (out / "packing.json").write_text(json.dumps(told))
+    with pytest.raises(OutputError, match=r"packing\.json is damaged: give --overwrite"):
+        run(str(stones), *SMALL, "--out", str(out), "--seed", "3", "--resume")
     (out / "blocks.csv").unlink()
     with pytest.raises(OutputError, match=r"of which blocks\.csv is missing: give --overwrite"):
         run(str(stones), *SMALL, "--out", str(out), "--seed", "3", "--resume")
@@ -297,9 +431,9 @@ def test_an_overwrite_that_is_stopped_leaves_nothing_that_passes_for_finished(pa
     def stop(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("lithoform.packing.folder._remove_series", stop)
+    monkeypatch.setattr("lithoform.result_folder.ResultFolder._remove_series", stop)
     with pytest.raises(KeyboardInterrupt):
-        clear_folder(out, settings)
+        FOLDER.clear(out, settings)
     assert json.loads((out / "packing.json").read_text())["finished"] is False
 
 

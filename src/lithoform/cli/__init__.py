@@ -14,6 +14,7 @@ from cyclopts import App, CycloptsError
 
 from lithoform import __version__
 from lithoform.cli.checking import check
+from lithoform.cli.compacting import compact
 from lithoform.cli.comparing import compare
 from lithoform.cli.database import database
 from lithoform.cli.designing import design
@@ -40,8 +41,8 @@ app = App(
     suppress_keyboard_interrupt=False,  # `main` tells it
 )
 for _command in (
-    generate, check, measure, laboratory, pack, picture, database, compare, match, sensitivity, design, explore,
-    reproduce,
+    generate, check, measure, laboratory, pack, compact, picture, database, compare, match, sensitivity, design,
+    explore, reproduce,
 ):  # fmt: skip
     app.command(_command)
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import sys
 import time
+import warnings
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,7 +15,7 @@ from cyclopts import Parameter
 
 from lithoform.cli.arguments import Flag, Json, Whole
 from lithoform.cli.output import say
-from lithoform.errors import LithoformError, RecipeError
+from lithoform.errors import LithoformError
 
 if TYPE_CHECKING:
     from lithoform.packing.run import Made
@@ -90,13 +93,11 @@ def pack(
     debug
         Show the traceback of an error.
     """
-    from lithoform.packing.run import Request
+    from lithoform.packing.request import Request
     from lithoform.packing.run import pack as run
     from lithoform.warp_runtime import resolve_device
 
     began = time.perf_counter()
-    if threads is not None and threads < 1:
-        raise RecipeError(f"expected --threads of at least 1; got {threads}.")
     request = Request(
         sources=sources,
         container=container,
@@ -120,10 +121,12 @@ def pack(
             say(line)
 
     try:
-        results = run(request, out, device=device, threads=threads, overwrite=overwrite, resume=resume, progress=True,
-                      told=told, draw_picture=_picture if draws else None)  # fmt: skip
+        with _plain_warnings():
+            results = run(request, out, device=device, threads=threads, overwrite=overwrite, resume=resume,
+                          progress=True, told=told, draw_picture=_picture if draws else None)  # fmt: skip
     except KeyboardInterrupt:
-        print(f"lithoform: interrupted; the same command with --resume goes on with {out}.", file=sys.stderr)
+        option = "--resume in place of --overwrite" if overwrite else "--resume"
+        print(f"lithoform: interrupted; the same command with {option} goes on with {out}.", file=sys.stderr)
         return 130
     if json_:
         say(json.dumps({"out": str(out), "notes": lines, **results}, indent=2))
@@ -132,6 +135,18 @@ def pack(
     say(f"\n{out}: packing.json, blocks.csv, table.parquet{', packing.png' if draws else ''}"
         f"{', vtk, vtk_meshes' if vtk else ''}; {time.perf_counter() - began:.1f} s")  # fmt: skip
     return 0
+
+
+@contextlib.contextmanager
+def _plain_warnings() -> Iterator[None]:
+    """Warnings of the simulation as one line, without the place in the program."""
+    with warnings.catch_warnings():
+
+        def show(message: Warning | str, *_: object, **__: object) -> None:
+            print(f"lithoform: warning: {message}", file=sys.stderr)
+
+        warnings.showwarning = show
+        yield
 
 
 def _can_draw() -> bool:

@@ -48,11 +48,14 @@ def choose(store: Store, columns: Sequence[str], chosen: str | None = None) -> p
     Raises
     ------
     SampleError
-        If a column is unknown, or the choice is not valid SQL or gives no source and number.
+        If a column is unknown, or the choice is empty, not valid SQL or gives no source and number.
     """
-    condition = chosen
-    if chosen is not None and _STATEMENT.match(chosen):
-        statement = chosen.rstrip().rstrip(";")
+    condition = chosen if chosen is None else chosen.strip().rstrip("; \t\r\n")
+    if condition is not None and not condition:
+        raise SampleError("expected a condition such as class = 'cube'; got an empty one: leave it out to take all.")
+    if condition is not None and _STATEMENT.match(condition):
+        statement = condition
+        _require_one(statement, "SELECT that gives source and number")
         # Asked first: a name that the statement lacks would be taken from the rows around it.
         given = query(store, f"select * from (\n{statement}\n) limit 0").column_names
         if not {"source", "number"} <= {name.lower() for name in given}:
@@ -61,7 +64,24 @@ def choose(store: Store, columns: Sequence[str], chosen: str | None = None) -> p
                 f"{', '.join(given)}."
             )
         condition = f"(source, number) in (select source, number from (\n{statement}\n))"
+    elif condition is not None:
+        _require_one(f"select\n{condition}\n", "condition such as class = 'cube'", shown=condition)
     return select(store, columns, condition)
+
+
+def _require_one(sql: str, what: str, *, shown: str | None = None) -> None:
+    """Refuse what is more than one statement, or closes a bracket that it did not open: it goes between brackets."""
+    import duckdb
+
+    got = sql if shown is None else shown
+    try:
+        with duckdb.connect(":memory:") as connection:
+            statements = connection.extract_statements(sql)  # parsed, not run
+    except duckdb.Error as error:
+        reason = next(iter(str(error).strip().splitlines()), "").removeprefix("Parser Error: ")
+        raise SampleError(f"expected a {what} in SQL; got {got!r}: {reason}.") from None
+    if len(statements) != 1:
+        raise SampleError(f"expected a {what}; got {len(statements)} statements: give one.")
 
 
 def stream_rows(table: pa.Table) -> Iterator[dict[str, Any]]:

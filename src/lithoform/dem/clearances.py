@@ -12,8 +12,8 @@ __all__ = ["deepest_in_walls", "shared_depths"]
 
 # Vertices share a contact with a wall where their depths differ by about this share of the block's radius ...
 _SHARED = 1e-4
-# ... or this many times F dt^2 / m, F the force at a depth of this many radii, more than a sound simulation has. A plate
-# on a scale s rocks at sqrt(3 F / (s m)): at most 1 / dt, and leapfrog is stable below 2 / dt.
+# ... or this many times F dt^2 / m, F the force at a depth of this many radii, more than a sound simulation has. A
+# plate on a scale s rocks at sqrt(3 F / (s m)): at most 1 / dt, and leapfrog is stable below 2 / dt.
 _STEADY, _DEEP = 3.0, 0.03
 
 

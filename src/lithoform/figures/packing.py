@@ -14,7 +14,7 @@ from lithoform.figures.sheet import COLOURS, GREY, INK, sheet
 from lithoform.mesh import Mesh
 from lithoform.rendering import STONE, VIEW, Studio, Surface, Vector, view_axes
 
-__all__ = ["Bed", "packing_figure"]
+__all__ = ["Bed", "Heap", "heap_picture", "packing_figure", "plain_axes"]
 
 # Triangles that are drawn in all, and of a stone at least.
 _TRIANGLES, _LEAST = 700_000, 200
@@ -30,9 +30,9 @@ _PICTURE = (112.0, 100.0)
 _MILLI = 1e3
 
 
-@dataclass(frozen=True, eq=False)
-class Bed:
-    """Stones in a container, and what was measured of them; lengths in metres, the floor at z = 0, the axis at 0, 0.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Heap:
+    """Stones in a container; lengths in metres, the floor at z = 0, the axis at 0, 0.
 
     Attributes
     ----------
@@ -47,6 +47,22 @@ class Bed:
         Diameter of a cylinder, or widths of a box along x and y.
     height : float
         Of the rim.
+    """
+
+    meshes: Sequence[Mesh]
+    which: np.ndarray
+    turns: np.ndarray
+    places: np.ndarray
+    sides: tuple[float, ...]
+    height: float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Bed(Heap):
+    """Stones in a container, and what was measured of them.
+
+    Attributes
+    ----------
     edges, profile : numpy.ndarray, shape (k + 1,) and (k,)
         Heights of layers, and the packing density of each.
     band : (float, float)
@@ -58,12 +74,6 @@ class Bed:
         What is written beside the picture.
     """
 
-    meshes: Sequence[Mesh]
-    which: np.ndarray
-    turns: np.ndarray
-    places: np.ndarray
-    sides: tuple[float, ...]
-    height: float
     edges: np.ndarray
     profile: np.ndarray
     band: tuple[float, float]
@@ -94,7 +104,7 @@ def packing_figure(bed: Bed, *, dpi: int = _DPI) -> np.ndarray:
     if not len(bed.which):
         raise LithoformError("expected stones to draw; the packing has none.")
     with sheet(_WIDTH, _HEIGHT, dpi) as page:
-        picture = _scene(bed, (page.to_pixels(_PICTURE[0]), page.to_pixels(_PICTURE[1])))
+        picture = heap_picture(bed, (page.to_pixels(_PICTURE[0]), page.to_pixels(_PICTURE[1])))
         page.paste(picture, 2.0, 6.0)
         page.text(122.0, 8.0, bed.title, size=10.0, ha="left", weight="bold")
         for i, line in enumerate(bed.lines):
@@ -106,18 +116,36 @@ def packing_figure(bed: Bed, *, dpi: int = _DPI) -> np.ndarray:
         return page.pixels()
 
 
-def _scene(bed: Bed, size: tuple[int, int]) -> np.ndarray:
-    stones = _stones(bed)
+def heap_picture(heap: Heap, size: tuple[int, int], *, tallest: float | None = None) -> np.ndarray:
+    """Stones in their container, which is cut away.
+
+    Parameters
+    ----------
+    heap : Heap
+    size : (int, int)
+        Pixels across and down.
+    tallest : float, optional
+        Height that the picture has room for [m], so that several are at one scale; by default that of the stones.
+
+    Returns
+    -------
+    numpy.ndarray, shape (height, width, 3), uint8
+    """
+    stones = _stones(heap)
     top = float(stones.mesh.vertices[:, 2].max())
-    walls = [Surface(Mesh(*patch), _WALL, faceting=0.0, cavity=0.0) for patch in _walls(bed, top)]
+    walls = [Surface(Mesh(*patch), _WALL, faceting=0.0, cavity=0.0) for patch in _walls(heap, top)]
     with Studio(size, VIEW, STONE) as studio:
         every = np.concatenate([surface.mesh.vertices for surface in (stones, *walls)])
+        if tallest is not None:
+            wide = 0.5 * max(heap.sides) * (1.0 + 2.0 * _THICK)
+            corners = np.array([[x, y, z] for x in (-wide, wide) for y in (-wide, wide) for z in (0.0, tallest)])
+            every = np.concatenate([every, corners])
         right, up, _ = view_axes(VIEW)
         span = 1.04 * max(float(np.ptp(every @ up)), float(np.ptp(every @ right)) * size[1] / size[0])
         return studio.scene([stones, *walls], studio.placement(every, span))
 
 
-def _stones(bed: Bed) -> Surface:
+def _stones(bed: Heap) -> Surface:
     """All stones as one body, each in a tone of its own."""
     each = max(_LEAST, _TRIANGLES // len(bed.which))
     drawn = [_coarse(mesh, each) for mesh in bed.meshes]
@@ -151,7 +179,7 @@ def _coarse(mesh: Mesh, triangles: int) -> tuple[np.ndarray, np.ndarray]:
     return np.asarray(points, dtype=np.float64) * size + centre, np.asarray(faces)
 
 
-def _walls(bed: Bed, top: float) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+def _walls(bed: Heap, top: float) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Patches of the floor and of the walls that are farther from the eye than the axis."""
     thick = _THICK * max(bed.sides)
     high = min(bed.height, _ABOVE * top)
@@ -212,7 +240,7 @@ def _strip(a: np.ndarray, b: np.ndarray, *, up: bool = False, inward: bool = Fal
 
 
 def _draw_profile(bed: Bed, axes: Any) -> None:
-    _plain(axes, "packing density", "height (mm)")
+    plain_axes(axes, "packing density", "height (mm)")
     low, high = (_MILLI * x for x in bed.band)
     axes.axhspan(low, high, color=COLOURS[0], alpha=0.10, linewidth=0.0)
     axes.stairs(bed.profile, _MILLI * bed.edges, orientation="horizontal", color=COLOURS[0], linewidth=1.2)
@@ -221,13 +249,14 @@ def _draw_profile(bed: Bed, axes: Any) -> None:
 
 
 def _draw_energy(bed: Bed, axes: Any) -> None:
-    _plain(axes, "time (s)", "kinetic energy / (m g d)")
+    plain_axes(axes, "time (s)", "kinetic energy / (m g d)")
     moving = bed.kinetic > 0.0
     axes.semilogy(bed.time[moving], bed.kinetic[moving], color=COLOURS[1], linewidth=1.2)
     axes.set_xlim(0.0, float(bed.time[-1]) or 1.0)
 
 
-def _plain(axes: Any, x: str, y: str) -> None:
+def plain_axes(axes: Any, x: str, y: str) -> None:
+    """Labels, and no frame but the two axes."""
     axes.set_xlabel(x, fontsize=7.0, color=INK)
     axes.set_ylabel(y, fontsize=7.0, color=INK)
     axes.tick_params(labelsize=6.5, colors=INK)

@@ -9,11 +9,13 @@ import numpy as np
 
 from lithoform.dem import Cylinder, Plane
 from lithoform.dem.container import Container as Enclosure
-from lithoform.errors import SceneError
+from lithoform.errors import RecipeError, SceneError
 from lithoform.gradation.quantities import parse_container_volume, parse_length
 
-__all__ = ["Container"]
+__all__ = ["Container", "millimetres"]
 
+# Wider or higher is no container of stones [m].
+_LARGEST = 1000.0
 _FLOOR = Plane(point=(0.0, 0.0, 0.0), normal=(0.0, 0.0, 1.0))
 
 
@@ -35,11 +37,12 @@ class Container:
     height: float
 
     def __post_init__(self) -> None:
-        lengths = (*self.sides, self.height)
-        if len(self.sides) not in (1, 2) or not all(math.isfinite(x) and x > 0.0 for x in lengths):
+        sides = self.sides if isinstance(self.sides, (tuple, list)) else ()
+        numbers = all(isinstance(x, (int, float)) and 0.0 < x <= _LARGEST for x in (*sides, self.height))
+        if len(sides) not in (1, 2) or not numbers:
             raise SceneError(
-                f"expected a diameter or two widths, and a height, all positive; got {self.sides!r} and "
-                f"{self.height!r}: take Container((0.15,), 0.2), for instance."
+                f"expected a diameter or two widths, and a height, all above 0 and at most {_LARGEST:g} m; got "
+                f"{self.sides!r} and {self.height!r}: take Container((0.15,), 0.2), for instance."
             )
 
     @classmethod
@@ -51,8 +54,11 @@ class Container:
         RecipeError
             If it is neither, or a length is not valid.
         """
+        text = str(text)
+        lengths = [parse_length(length) for length in text.split(":")[1:]] if text.count(":") in (2, 3) else []
+        if max(lengths, default=0.0) > _LARGEST:
+            raise RecipeError(f"expected a container of at most {_LARGEST:g} m; got {text!r}.")
         parse_container_volume(text)
-        lengths = [parse_length(length) for length in text.split(":")[1:]]
         return cls(tuple(lengths[:-1]), lengths[-1])
 
     @property
@@ -111,5 +117,10 @@ class Container:
 
     def text(self) -> str:
         """As a person would write it, in millimetres."""
-        across = " x ".join(f"{1e3 * side:.4g}" for side in self.sides)
-        return f"{self.kind} {across} mm wide and {1e3 * self.height:.4g} mm high"
+        across = " x ".join(map(millimetres, self.sides))
+        return f"{self.kind} {across} mm wide and {millimetres(self.height)} mm high"
+
+
+def millimetres(length: float) -> str:
+    """A length [m] in millimetres, with four digits or to the millimetre."""
+    return f"{1e3 * length:,.0f}" if length >= 1.0 else f"{1e3 * length:.4g}"

@@ -17,7 +17,7 @@ from lithoform.dem.materials import pair_constants
 from lithoform.dem.observers import coordination, density_profile
 from lithoform.packing.container import Container
 
-__all__ = ["Packing", "blocks_csv", "measure_packing"]
+__all__ = ["Packing", "blocks_csv", "deepest_overlap", "measure_packing"]
 
 _UP = np.array([0.0, 0.0, 1.0])
 # The inner part ends at this share of the height, and counts if it is at least this many median diameters thick.
@@ -97,13 +97,13 @@ def measure_packing(model: Model, state: State, container: Container) -> Packing
         height=height,
         coordination=coordination(model, state),
         fits=int((top <= container.height).sum()),
-        deepest=_deepest(model, state),
+        deepest=deepest_overlap(model, state),
         edges=edges,
         profile=np.array([between(a, b) for a, b in itertools.pairwise(edges)]),
     )
 
 
-def _deepest(model: Model, state: State) -> float:
+def deepest_overlap(model: Model, state: State) -> float:
     """Largest overlap over effective radius, from the contact radii (eq. 31): a^2 / r - sqrt(4 pi gamma a / E*)."""
     material = model.materials[0]
     law = pair_constants(material, material)

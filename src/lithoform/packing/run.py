@@ -3,104 +3,55 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
-from lithoform.atomic import atomic_write, remove_partials
-from lithoform.dem import TABLE_10, Model, Scales, State, scales
-from lithoform.dem.checkpoint import read_checkpoint, write_checkpoint
+from lithoform.atomic import atomic_write, make_folder
+from lithoform.dem import TABLE_10, Model, Scales, State, scales, simulate
+from lithoform.dem.checkpoint import write_checkpoint
 from lithoform.dem.output import VtkSeries, write_table
-from lithoform.dem.scales import LARGEST_STEP
-from lithoform.errors import OutputError, RecipeError, SceneError
+from lithoform.errors import OutputError, RecipeError
 from lithoform.locking import folder_lock
+from lithoform.packing.beforehand import introduction, note_on_sizes, pressure, require_stiffness, time_step
 from lithoform.packing.container import Container
+from lithoform.packing.failing import naming_stones
 from lithoform.packing.folder import (
     BLOCKS_FILE,
     CHECKPOINT_FILE,
+    FOLDER,
     MESHES_FOLDER,
+    NUMBERS_FILE,
     PICTURE_FILE,
     PROGRESS_FILE,
     TABLE_FILE,
     VTK_FOLDER,
-    check_folder,
-    clear_folder,
-    write_numbers,
 )
 from lithoform.packing.placing import insert, random_attitudes, require_room
+from lithoform.packing.request import Request, path_of
 from lithoform.packing.results import Packing, blocks_csv, measure_packing
+from lithoform.packing.resuming import read_progress, write_progress
 from lithoform.packing.settling import Schedule, is_at_rest, schedule, settle
 from lithoform.packing.stones import draw, find_stones, read_shapes, refuse_inside
-from lithoform.progress import counted, track
-from lithoform.seeds import MAX_SEED
-from lithoform.sidecar import program_version
+from lithoform.progress import counted
 
-__all__ = ["Made", "Request", "pack", "pour"]
+__all__ = ["Made", "pack", "pour"]
 
+_MOST_THREADS: Final = 10_000
 # A frame of the series every so many looks.
 _FRAME = 5
+# What packing.json holds of the results.
+_RESULTS: Final = frozenset(
+    "packing_density packing_density_between_m total_density height_m coordination_number "
+    "coordination_without_rattlers coordination_with_walls rattlers stones different_stones below_the_rim at_rest "
+    "deepest_overlap_over_radius steps time_s time_step_s fastest_fall_m_s scales seconds".split()
+)
 _UNITS = {"kinetic": "J", "potential": "J", "elastic": "J", "height": "m", "fastest": "m/s"}
-
-
-@dataclass(frozen=True, kw_only=True)
-class Request:
-    """What is to be packed, and how.
-
-    Attributes
-    ----------
-    sources : tuple of Path
-        Mesh files, folders of them, databases.
-    container : str
-        As `Container.parse`.
-    count : int or None
-        Stones; by default each that the sources hold once.
-    seed : int
-        Of the choice, the order, the places and the attitudes of the stones.
-    unit : str
-        Of files that do not tell theirs.
-    select : str or None
-        Particles of a database.
-    gravity : float
-        Downwards [m/s^2].
-    stiffness_factor : float
-        On Young's modulus of Table 10.
-    dt, until : float or None
-        Time step and latest end [s]; by default 0.06 of the Rayleigh time, and when the stones are at rest.
-    vtk : bool
-        Whether to write a series for ParaView.
-    """
-
-    sources: tuple[Path, ...]
-    container: str
-    count: int | None = None
-    seed: int = 0
-    unit: str = "mm"
-    select: str | None = None
-    gravity: float = 9.81
-    stiffness_factor: float = 0.01
-    dt: float | None = None
-    until: float | None = None
-    vtk: bool = True
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.seed <= MAX_SEED:
-            raise RecipeError(f"the seed must be 0 to {MAX_SEED}; got {self.seed}.")
-        for name, most in (("gravity", math.inf), ("stiffness_factor", 1.0), ("dt", math.inf), ("until", math.inf)):
-            value = getattr(self, name)
-            if value is not None and not (math.isfinite(value) and 0.0 < value <= most):
-                limit = f" and at most {most:g}" if most < math.inf else ""
-                raise RecipeError(f"expected --{name.replace('_', '-')} above 0{limit}; got {value:g}.")
-
-    def settings(self) -> dict[str, Any]:
-        """Plain values, with the version of the program."""
-        told = {**dataclasses.asdict(self), "sources": [str(path) for path in self.sources]}
-        return {"lithoform": program_version(), **told}
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,8 +78,16 @@ class Made:
     results: dict[str, Any]
 
 
-def pour(shapes: Sequence[Any], which: np.ndarray, container: Container, *, rng: np.random.Generator,
-         stiffness_factor: float = 0.01, gravity: float = 9.81) -> tuple[Model, State]:  # fmt: skip
+def pour(
+    shapes: Sequence[Any],
+    which: np.ndarray,
+    container: Container,
+    *,
+    rng: np.random.Generator,
+    stiffness_factor: float = 0.01,
+    gravity: float = 9.81,
+    progress: bool = False,
+) -> tuple[Model, State]:
     """Stones above the floor of a container, before they fall.
 
     Parameters
@@ -143,6 +102,8 @@ def pour(shapes: Sequence[Any], which: np.ndarray, container: Container, *, rng:
         On Young's modulus of Table 10.
     gravity : float
         [m/s^2].
+    progress : bool
+        Whether to show a bar.
 
     Raises
     ------
@@ -153,7 +114,7 @@ def pour(shapes: Sequence[Any], which: np.ndarray, container: Container, *, rng:
     model = Model(shapes=tuple(shapes), materials=(material,), shape=which, walls=container.walls,
                   gravity=(0.0, 0.0, -gravity))  # fmt: skip
     require_room(float(model.bounding_radius.max()), container, model.volume)
-    places = insert(model.bounding_radius, container, rng)
+    places = insert(model.bounding_radius, container, rng, progress=progress)
     return model, State.at_rest(model, places, random_attitudes(len(which), rng))
 
 
@@ -194,17 +155,17 @@ def pack(
 
     Raises
     ------
-    RecipeError, SceneError, FileFormatError, MeshError, SampleError
+    RecipeError, SceneError, FileFormatError, MeshError, SampleError, DeviceError
         If the request cannot be met.
     OutputError
         If the folder is not one to write into.
     SimulationError
-        If the simulation fails; what was reached before stays.
+        If the simulation fails; what was reached before stays. A former packing is replaced only once the first step
+        has been made.
     """
-    from lithoform.atomic import make_folder
-
     if overwrite and resume:
         raise OutputError("--overwrite starts anew and --resume goes on; give one of them.")
+    out = _checked(request, out, device, threads)
     container = Container.parse(request.container)
     rng = np.random.Generator(np.random.PCG64(request.seed))
     stones = find_stones(request.sources, unit=request.unit, select=request.select)
@@ -213,33 +174,59 @@ def pack(
     settings = request.settings()
     make_folder(out)
     with folder_lock(out):
-        former = check_folder(out, settings, overwrite=overwrite, resume=resume)
+        former = FOLDER.check(out, settings, overwrite=overwrite, resume=resume)
         if resume and former is not None and former["finished"]:
-            lost = [name for name in (BLOCKS_FILE, TABLE_FILE, CHECKPOINT_FILE) if not (out / name).is_file()]
-            if lost:
-                raise OutputError(f"{out} holds a finished packing of which {', '.join(lost)} is missing: give "
-                                  "--overwrite to make it anew.")  # fmt: skip
-            return former["results"]
+            return _finished(out, former)
+        if resume and former is None:
+            told(f"{out} holds no packing to go on with: it is begun.")
         chosen, which = np.unique(order, return_inverse=True)
         used = [stones[k] for k in chosen.tolist()]
-        read = list(track(read_shapes(used, threads=threads), total=len(used), what="stones", enabled=progress))
+        read = read_shapes(used, threads=threads, progress=progress)
         for stone, (_, repairs) in zip(used, read, strict=True):
             for text in repairs:
                 told(f"{stone.name}: {text}")
+        factor = request.stiffness_factor
         model, start = pour([shape for shape, _ in read], which, container, rng=rng, gravity=request.gravity,
-                            stiffness_factor=request.stiffness_factor)  # fmt: skip
-        given = _time_step(model, request.dt)
+                            stiffness_factor=factor, progress=progress)  # fmt: skip
+        note = note_on_sizes(model, container, from_files=any(stone.key is None for stone in used))
+        require_stiffness(model, container, factor)
+        given = time_step(model, request.dt)
         plan = schedule(model, start, given, request.until)
-        # From here on a former packing is gone; what cannot be done has been refused.
-        if former is None or not resume:
-            clear_folder(out, settings)
-        remove_partials(out)
-        found = scales(model, _pressure(model, container), duration=plan.expected * given, dt=given, threads=threads)
-        for line in _introduction(request, container, model, found, plan):
-            told(line)
         names = [stone.name for stone in used]
-        return _make(request, out, model, start, container, plan, found, names, device, threads, progress, settings,
-                     draw_picture)  # fmt: skip
+        with naming_stones(lambda k: names[which[k]], given, factor):
+            if former is None or not resume:
+                # Tried first: a step that fails costs no former packing.
+                simulate(model, start, until=given, dt=given, device=device, threads=threads)
+                FOLDER.clear(out, settings)
+            FOLDER.remove_unfinished(out)
+            found = scales(model, pressure(model, container), duration=plan.expected * given, dt=given, threads=threads)
+            for line in [*introduction(container, model, factor, found, plan), *([note] if note else [])]:
+                told(line)
+            return _make(request, out, model, start, container, plan, found, names, device, threads, progress, settings,
+                         draw_picture)  # fmt: skip
+
+
+def _checked(request: Any, out: Any, device: Any, threads: Any) -> Path:
+    """The folder as a path; a `RecipeError` if an argument is of another kind."""
+    if not isinstance(request, Request):
+        raise RecipeError(f"expected a lithoform.packing.request.Request; got {request!r}.")
+    if not isinstance(device, str):
+        raise RecipeError(f"expected a device of auto, cpu or cuda; got {device!r}.")
+    if threads is not None and (type(threads) is not int or not 1 <= threads <= _MOST_THREADS):
+        raise RecipeError(f"expected --threads from 1 to {_MOST_THREADS}; got {threads!r}.")
+    return path_of("--out", out)
+
+
+def _finished(out: Path, former: dict[str, Any]) -> dict[str, Any]:
+    """Results of a packing that is complete."""
+    lost = [name for name in (BLOCKS_FILE, TABLE_FILE, CHECKPOINT_FILE) if not (out / name).is_file()]
+    if lost:
+        raise OutputError(f"{out} holds a finished packing of which {', '.join(lost)} is missing: give --overwrite to "
+                          "make it anew.")  # fmt: skip
+    results = former.get("results")
+    if not (isinstance(results, dict) and results.keys() >= _RESULTS):
+        raise OutputError(f"{out / NUMBERS_FILE} is damaged: give --overwrite to make the packing anew.")
+    return results
 
 
 def _make(
@@ -248,14 +235,13 @@ def _make(
     draw_picture: Callable[[Made], bytes] | None,
 ) -> dict[str, Any]:  # fmt: skip
     began = time.perf_counter()
-    state, rows, before = _former(out, model, start)
+    state, rows, before = read_progress(out, model, start, plan)
     series = VtkSeries(out / VTK_FOLDER, model, surface="hull") if request.vtk else None
 
     def on_look(model: Model, state: State, number: int) -> None:
         if series is not None and number % _FRAME == 0:
             series(model, state)
-        spent = before + time.perf_counter() - began
-        atomic_write(out / PROGRESS_FILE, json.dumps({"seconds": spent, "rows": rows}).encode())
+        write_progress(out, before + time.perf_counter() - began, rows)
 
     with counted(plan.expected, what="steps", enabled=progress) as advance:
         advance(state.step)
@@ -295,58 +281,12 @@ def _make(
     if draw_picture is not None:
         atomic_write(out / PICTURE_FILE, draw_picture(made))
     results["seconds"] = round(before + time.perf_counter() - began, 3)
-    write_numbers(out, settings, {"results": results}, finished=True)
+    FOLDER.write(out, settings, {"results": results}, finished=True)
     # Last: without it a run that is stopped here would begin anew.
     (out / PROGRESS_FILE).unlink(missing_ok=True)
     return results
 
 
-def _former(out: Path, model: Model, start: State) -> tuple[State, list[dict[str, float]], float]:
-    """State, looks and time spent of a run that was stopped; those of the start where there is none."""
-    if not ((out / CHECKPOINT_FILE).exists() and (out / PROGRESS_FILE).exists()):
-        return start, [], 0.0
-    state = read_checkpoint(out / CHECKPOINT_FILE, model)
-    try:
-        told = json.loads((out / PROGRESS_FILE).read_bytes())
-        rows = [{str(key): value for key, value in row.items()} for row in told["rows"]]
-        return state, rows, float(told["seconds"])
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise OutputError(f"{out / PROGRESS_FILE} is damaged, the packing cannot be resumed: give --overwrite to make "
-                          "it anew.") from error  # fmt: skip
-
-
 def _number(value: float) -> float | None:
     """What JSON can hold."""
     return value if math.isfinite(value) else None
-
-
-def _time_step(model: Model, asked: float | None) -> float:
-    found = scales(model)
-    if asked is None:
-        return found.step
-    most = LARGEST_STEP * found.rayleigh_time
-    if asked > most:
-        raise SceneError(
-            f"expected --dt of at most {LARGEST_STEP:g} of the Rayleigh time, {most:.3g} s; got {asked:.3g} s: leave "
-            f"it out to take {found.step:.3g} s."
-        )
-    return asked
-
-
-def _pressure(model: Model, container: Container) -> float:
-    """Weight of the stones over the area of the floor [Pa]."""
-    return float(model.mass.sum()) * math.hypot(*model.gravity) / container.area
-
-
-def _introduction(request: Request, container: Container, model: Model, found: Scales, plan: Schedule) -> list[str]:
-    modulus = model.materials[0].youngs_modulus
-    softer = f"Young's modulus {modulus / 1e6:,.4g} MPa instead of {TABLE_10.youngs_modulus / 1e6:,.0f} MPa "
-    softer += f"(--stiffness-factor {request.stiffness_factor:g}), so that the steps are longer"
-    if request.stiffness_factor == 1.0:
-        softer = "as it stands"
-    return [
-        f"{model.count} stones ({len(model.shapes)} different) are let down into a {container.text()}.",
-        f"Material of stones and walls: Table 10, {softer}. Local damping: none.",
-        f"No stone falls faster than {plan.fastest:.2f} m/s, as if it were poured from close above.",
-        f"Scales under the stones' weight: {found.text()}.",
-    ]

@@ -12,14 +12,21 @@ import numpy as np
 from lithoform.dem import Energy, Model, State, energy, simulate
 from lithoform.dem.energy import EnergyMonitor
 from lithoform.dem.materials import pair_constants
+from lithoform.errors import SceneError
 
-__all__ = ["AT_REST", "UNBALANCED", "Schedule", "fastest_fall", "is_at_rest", "let_down", "look", "schedule", "settle"]
+__all__ = [
+    "AT_REST", "LOOK", "UNBALANCED", "Schedule", "fastest_fall", "is_at_rest", "let_down", "look", "schedule", "settle",
+]  # fmt: skip
 
 AT_REST = 1e-6
 """A stone is at rest when its kinetic energy is below this share of m g d, d the median diameter ..."""
 
 UNBALANCED = 0.01
 """... and the resultant force on it below this share of the mean contact force."""
+
+LOOK = ("time", "step", "kinetic", "potential", "elastic", "kinetic_share", "kinetic_most", "unbalanced", "contacts",
+        "height", "fastest")  # fmt: skip
+"""What a look tells, by name."""
 
 # So many of the stones have to be at rest, for so many looks in turn, and the mean kinetic energy of all has to be
 # below this many times the share. Not all of them: nothing brakes a stone that spins upright on a single contact.
@@ -32,6 +39,8 @@ _DEEPEST = 0.5
 _GAIN = 0.05
 # What settling takes after the last stone has come down, in sqrt(d / g): seen, for the time left; and the most.
 _USUAL, _LONGEST = 12.0, 100.0
+# More steps take years.
+_MOST_STEPS = 10_000_000_000
 
 
 @dataclass(frozen=True)
@@ -90,16 +99,33 @@ def schedule(model: Model, state: State, dt: float, until: float | None = None) 
         Time step [s].
     until : float, optional
         Latest end [s]; by default long after the stones should be at rest.
+
+    Raises
+    ------
+    SceneError
+        If that takes more than 10,000,000,000 steps.
     """
     gravity = math.hypot(*model.gravity)
     fastest = fastest_fall(model)
-    every = max(1, round(_GAIN * fastest / gravity / dt))
     # The column becomes about half as high, and its top goes down at the limit.
     fall = 0.5 * float(state.position[:, 2].max()) / fastest + fastest / gravity
     unit = math.sqrt(2.0 * float(np.median(model.radius)) / gravity)
-    longest = fall + _LONGEST * unit if until is None else until
-    steps = max(1, math.ceil(longest / dt / every)) * every if until is None else max(1, math.ceil(until / dt - 1e-6))
-    expected = math.ceil((fall + _USUAL * unit) / dt / every) * every
+    usual = fall + _USUAL * unit
+    needed = (usual if until is None else until) / dt
+    if needed > _MOST_STEPS:
+        what, way = f"until they rest, about {usual:.3g} s,", "a longer --dt or a larger --gravity"
+        if until is not None:
+            what, way = f"--until {until:g}", "a longer --dt or an earlier --until"
+        told = f"{needed:.2g}" if math.isfinite(needed) else "far more"
+        raise SceneError(
+            f"expected a packing of at most {_MOST_STEPS:,} steps; {what} takes {told} of {dt:.3g} s: give {way}."
+        )
+    every = max(1, round(min(_GAIN * fastest / gravity / dt, _MOST_STEPS)))
+    if until is None:
+        steps = max(1, math.ceil(min((fall + _LONGEST * unit) / dt, _MOST_STEPS) / every)) * every
+    else:
+        steps = max(1, math.ceil(needed - 1e-6))
+    expected = math.ceil(min(usual / dt, _MOST_STEPS) / every) * every
     return Schedule(dt, every, fastest, steps, min(steps, expected))
 
 

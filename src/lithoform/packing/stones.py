@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -13,10 +13,11 @@ import numpy as np
 from lithoform.database.meshes import MESH_COLUMNS, choose, particle_mesh, particle_name
 from lithoform.database.store import Store, is_store
 from lithoform.dem import Shape
-from lithoform.errors import MeshError, OutputError, RecipeError, SampleError
+from lithoform.errors import FileFormatError, LithoformError, MeshError, OutputError, RecipeError, SampleError
 from lithoform.mesh import Mesh
 from lithoform.mesh_io import UNITS, known_key
 from lithoform.parallel import in_order
+from lithoform.progress import track
 from lithoform.scans.reading import find_scans, read_scan
 
 if TYPE_CHECKING:
@@ -26,6 +27,8 @@ __all__ = ["Source", "draw", "find_stones", "read_shapes", "refuse_inside"]
 
 # Different stones in a packing: each keeps its mesh and its hull in memory, 1 MB at 20,000 triangles.
 _MOST_SHAPES: Final = 1000
+# Stones that a message names.
+_NAMED: Final = 10
 
 _Read = Callable[[], tuple[Mesh, tuple[str, ...]]]
 
@@ -40,10 +43,13 @@ class Source:
         Of the file; of a particle of a database SOURCE-000123.
     read : callable
         Gives the mesh [m] and the repairs that it took.
+    key : tuple of (str, int) or None
+        Source and number of a particle of a database; None of a file.
     """
 
     name: str
     read: _Read
+    key: tuple[str, int] | None = None
 
 
 def find_stones(given: Sequence[Path], *, unit: str = "mm", select: str | None = None) -> list[Source]:
@@ -84,7 +90,10 @@ def find_stones(given: Sequence[Path], *, unit: str = "mm", select: str | None =
                 f"expected particles in the database {path}; {'none is chosen' if select else 'it is empty'}."
             )
         names = table.select(["source", "number"]).to_pylist()
-        found += [Source(particle_name(row), partial(_from_table, store, table, i)) for i, row in enumerate(names)]
+        found += [
+            Source(particle_name(row), partial(_from_table, store, table, i), (row["source"], row["number"]))
+            for i, row in enumerate(names)
+        ]
     return found
 
 
@@ -116,23 +125,61 @@ def draw(available: int, count: int | None, rng: np.random.Generator) -> np.ndar
     return rng.permutation(chosen)
 
 
-def read_shapes(stones: Sequence[Source], *, threads: int | None = None) -> Iterator[tuple[Shape, tuple[str, ...]]]:
+def read_shapes(
+    stones: Sequence[Source], *, threads: int | None = None, progress: bool = False
+) -> list[tuple[Shape, tuple[str, ...]]]:
     """Shapes of stones in their order, with the repairs that the meshes took.
 
     Raises
     ------
     FileFormatError, MeshError
-        If a stone cannot be read or is no body; the message names it.
+        If stones cannot be read or are no bodies; the message names them and tells what to do.
     """
 
-    def work(stone: Source) -> tuple[Shape, tuple[str, ...]]:
-        mesh, repairs = stone.read()
+    def work(stone: Source) -> tuple[Shape, tuple[str, ...]] | LithoformError:
+        try:
+            mesh, repairs = stone.read()
+        except (FileFormatError, MeshError) as error:
+            return error
         try:
             return Shape.from_mesh(mesh), repairs
         except MeshError as error:
-            raise MeshError(f"{stone.name}: {error}") from None
+            # What follows the colon is a way out for those who build meshes and shapes; here it is another.
+            reason = str(error).rstrip(".")
+            return MeshError(reason.rpartition(": ")[0] or reason)
 
-    return in_order(work, stones, threads=threads)
+    read: list[tuple[Shape, tuple[str, ...]]] = []
+    bad: list[tuple[Source, LithoformError]] = []
+    results = track(in_order(work, stones, threads=threads), total=len(stones), what="stones", enabled=progress)
+    for stone, result in zip(stones, results, strict=True):
+        if isinstance(result, LithoformError):
+            bad.append((stone, result))
+        else:
+            read.append(result)
+    if bad:
+        raise _refusal(bad, len(stones))
+    return read
+
+
+def _refusal(bad: Sequence[tuple[Source, LithoformError]], count: int) -> LithoformError:
+    """The error of stones that cannot be used: all names, what is wrong with the first, the way out."""
+    first, error = bad[0]
+    told = f"{first.name}: {str(error).removeprefix(f'{first.name}: ').rstrip('.')}"
+    if len(bad) > 1:
+        listed = ", ".join(stone.name for stone, _ in bad[:_NAMED])
+        more = f" and {len(bad) - _NAMED:,} more" if len(bad) > _NAMED else ""
+        told = f"{len(bad):,} of {count:,} stones cannot be used ({listed}{more}); the first is {told}"
+    keys = [stone.key for stone, _ in bad if stone.key is not None]
+    ways = []
+    if len(keys) < len(bad):
+        ways.append(f"leave {'that file' if len(bad) - len(keys) == 1 else 'those files'} out")
+    if keys:
+        listed = ", ".join(f"('{source}', {number})" for source, number in keys[:_NAMED])
+        ways.append(f'give --select "(source, number) not in ({listed}{", ..." if len(keys) > _NAMED else ""})"')
+    if count == len(bad):
+        # Without them nothing would be left; what is wrong with a file tells by itself what to do.
+        ways = ["give other stones"] if isinstance(error, MeshError) else []
+    return type(error)("; ".join([told, *([", and ".join(ways)] if ways else [])]) + ".")
 
 
 def refuse_inside(out: Path, given: Sequence[Path]) -> None:

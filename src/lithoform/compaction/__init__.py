@@ -1,0 +1,1 @@
+"""The gyratory compactor: specimens of a population, pressed and gyrated (section 6 of the paper)."""

@@ -1,0 +1,298 @@
+"""The compactor: stones fall into the mould, a platen presses them, the mould gyrates."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from lithoform.compaction.fitting import PowerLaw, fit_power_law
+from lithoform.compaction.mould import Gyration
+from lithoform.compaction.protocol import Protocol
+from lithoform.compaction.specimen import Specimen
+from lithoform.compaction.stages import FLOOR, MOULD, PLATEN, Look, Record, deposit, stage
+from lithoform.dem import Model, Plane, Scales, Servo, State, scales
+from lithoform.dem.container import extents
+from lithoform.packing.container import Container
+from lithoform.packing.placing import insert, random_attitudes
+from lithoform.packing.settling import schedule
+
+__all__ = ["LOOKS", "STAGES", "Compaction", "Machine", "compact"]
+
+STAGES: Final = ("deposition", "pressing", "tilting", "gyration")
+"""Names of the stages, in their order."""
+
+LOOKS: Final = 32
+"""Looks in a gyration."""
+
+# The mould is tilted in this share of a gyration.
+_RAMP: Final = 0.25
+# The bed carries the pressure when so many looks in turn are within this share of it, and it got lower by less than
+# this share of its height in them.
+_CARRIES, _HELD, _CREEP = 8, 0.01, 2e-4
+# Time between two looks while the platen comes down, and after it should be down [s].
+_PRESS_LOOK, _PRESS_MORE = 5e-4, 0.3
+# The platen's mass over that of the stones, and its damping [s]; see `Machine.servo`.
+_PLATEN_MASS, _PLATEN_TIME, _PLATEN_SPEED = 0.5, 2e-3, 1.0
+# The platen comes down so that the inertial number stays below this.
+_QUASI_STATIC: Final = 1e-3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Machine:
+    """Settings of the compactor for a specimen.
+
+    Attributes
+    ----------
+    specimen : Specimen
+    protocol : Protocol
+    rate_factor : float
+        On the rate of gyration.
+    seed : int
+        Of places and attitudes.
+    """
+
+    specimen: Specimen
+    protocol: Protocol
+    rate_factor: float
+    seed: int
+
+    @property
+    def dt(self) -> float:
+        """Time step [s]."""
+        return scales(self.specimen.model).step
+
+    @property
+    def force(self) -> float:
+        """Of the upper platen [N]."""
+        return self.protocol.pressure * self.specimen.area
+
+    @property
+    def every(self) -> int:
+        """Steps between two looks at a gyration; they divide it, so that its frequency is rounded."""
+        return max(1, round(60.0 / (self.protocol.rate * self.rate_factor) / LOOKS / self.dt))
+
+    @property
+    def frequency(self) -> float:
+        """Gyrations per second [1/s]."""
+        return 1.0 / (LOOKS * self.every * self.dt)
+
+    @property
+    def target(self) -> float:
+        """Height at which the run ends [m]."""
+        return self.protocol.height * self.specimen.length_scale
+
+    @property
+    def loose_height(self) -> float:
+        """Height at which pressing ends, if the platen gets there [m]."""
+        return self.protocol.loose_height * self.specimen.length_scale
+
+    @property
+    def servo(self) -> Servo:
+        """Of the upper platen.
+
+        It is light, so that the force on it is that asked for but for m a, and damped, so that it does not bounce.
+        """
+        return Servo(force=self.force, mass=_PLATEN_MASS * float(self.specimen.model.mass.sum()), time=_PLATEN_TIME,
+                     max_speed=_PLATEN_SPEED)  # fmt: skip
+
+    @property
+    def approach(self) -> float:
+        """Speed of the platen on its way down [m/s]."""
+        diameter = 2.0 * float(np.median(self.specimen.model.radius))
+        density = float(self.specimen.model.density.mean())
+        rate = _QUASI_STATIC / (diameter * math.sqrt(density / self.protocol.pressure))
+        return min(_PLATEN_SPEED, rate * self.loose_height)
+
+    def scales(self, *, threads: int | None = None) -> Scales:
+        """Time scales of the gyrations, with their cost."""
+        gyrations = self.protocol.gyrations / self.frequency
+        # The strain goes through its amplitude four times a gyration.
+        return scales(self.specimen.model, self.protocol.pressure, 4.0 * self.protocol.shear * self.frequency,
+                      duration=gyrations, dt=self.dt, threads=threads)  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Compaction:
+    """A specimen that has been compacted.
+
+    Attributes
+    ----------
+    machine : Machine
+    model, state
+        At the end.
+    gyration : Gyration
+        Of the mould.
+    looks : dict of str to list of dict
+        Looks at each stage: `lithoform.compaction.stages.look`.
+    fit : PowerLaw or None
+        None after less than three gyrations.
+    reached : bool
+        Whether the height was reached.
+    notes : tuple of str
+    """
+
+    machine: Machine
+    model: Model
+    state: State
+    gyration: Gyration
+    looks: Mapping[str, list[Look]]
+    fit: PowerLaw | None
+    reached: bool
+    notes: tuple[str, ...]
+
+    @property
+    def series(self) -> dict[str, np.ndarray]:
+        """Looks at whole gyrations, from 0 on: columns of the looks by name."""
+        rows = [row for row in self.looks["gyration"] if abs(row["gyration"] - round(row["gyration"])) < 1e-6]
+        return {name: np.array([row[name] for row in rows]) for name in rows[0]}
+
+
+@dataclass
+class _Progress:
+    told: Callable[[str], object]
+    on_look: Callable[[str, Model, State, Look], object]
+    notes: list[str] = field(default_factory=list)
+
+    def note(self, text: str) -> None:
+        self.notes.append(text)
+        self.told(text)
+
+    def of(self, name: str) -> Callable[[Model, State, Look], object]:
+        return lambda model, state, row: self.on_look(name, model, state, row)
+
+
+def compact(
+    machine: Machine, folder: Path, *, told: Callable[[str], object] = lambda _: None,
+    on_look: Callable[[str, Model, State, Look], object] = lambda *_: None,
+    on_stage: Callable[[str, Model, State], object] = lambda *_: None, **how: Any,
+) -> Compaction:  # fmt: skip
+    """Compact a specimen, or go on with it where the folder holds checkpoints of it.
+
+    Parameters
+    ----------
+    machine : Machine
+    folder : Path
+        For checkpoints and looks.
+    told : callable
+        Is told what happens, a sentence at a time.
+    on_look : callable
+        Called with the stage, the model, the state and each new look.
+    on_stage : callable
+        Called with the name of each stage, the model and the state at its end.
+    **how
+        device, threads of `lithoform.dem.simulate`.
+
+    Raises
+    ------
+    SceneError
+        If the stones do not fit into the mould.
+    SimulationError
+        If the simulation fails.
+    """
+    specimen, dt = machine.specimen, machine.dt
+    progress = _Progress(told, on_look)
+    records = {name: Record(folder / name) for name in STAGES}
+    common: dict[str, Any] = {"dt": dt, "diameter": specimen.diameter}
+
+    start = _loose(machine)
+    plan = schedule(specimen.model, start, dt)
+    state = deposit(specimen.model, start, records["deposition"], every=plan.every, fastest=plan.fastest,
+                    longest=plan.steps, on_look=progress.of("deposition"), **common, **how)  # fmt: skip
+    on_stage("deposition", specimen.model, state)
+
+    model, state = _under_platen(machine, state)
+    state = _press(machine, model, state, records["pressing"], progress, common, how)
+    on_stage("pressing", model, state)
+    pressed = records["pressing"].rows[-1]
+
+    ramp = max(1, round(_RAMP * LOOKS)) * machine.every
+    gyration = Gyration(angle=math.radians(machine.protocol.angle), frequency=machine.frequency,
+                        apex=0.5 * pressed["height"], ramp=ramp * dt)  # fmt: skip
+    # The platen may now be as fast as it takes to hold its force.
+    model = model.with_motion(PLATEN, machine.servo)
+    state = stage(model.with_motion(MOULD, gyration.tilting), state, records["tilting"], every=machine.every,
+                  longest=ramp, gyrations=lambda _: 0.0, done=lambda _: False, on_look=progress.of("tilting"), how=how,
+                  **common)  # fmt: skip
+    on_stage("tilting", model, state)
+    model = model.with_motion(MOULD, gyration.precessing)
+    state = stage(model, state, records["gyration"], every=machine.every,
+                  longest=machine.protocol.gyrations * LOOKS * machine.every,
+                  gyrations=lambda steps: steps / (LOOKS * machine.every),
+                  done=lambda rows: rows[-1]["height"] <= machine.target, on_look=progress.of("gyration"), how=how,
+                  **common)  # fmt: skip
+    on_stage("gyration", model, state)
+    return _finished(machine, model, state, gyration, records, progress)
+
+
+def _loose(machine: Machine) -> State:
+    """Stones above the floor of the mould."""
+    model, specimen = machine.specimen.model, machine.specimen
+    rng = np.random.default_rng([machine.seed, 1])
+    places = insert(model.bounding_radius, Container((specimen.diameter,), 1.0), rng)
+    return State.at_rest(model, places, random_attitudes(model.count, rng))
+
+
+def _under_platen(machine: Machine, state: State) -> tuple[Model, State]:
+    """The upper platen just above the highest stone, coming down."""
+    model = machine.specimen.model
+    top = float(extents(model, state, np.array([0.0, 0.0, 1.0]))[:, 1].max())
+    motion = Servo(force=machine.force, mass=machine.servo.mass, time=_PLATEN_TIME, max_speed=machine.approach)
+    platen = Plane(point=(0.0, 0.0, top + 1e-3 * machine.specimen.diameter), normal=(0.0, 0.0, -1.0), motion=motion)
+    model = model.with_walls(model.walls[FLOOR], model.walls[MOULD], platen)
+    return model, state.with_walls_of(model)
+
+
+def _press(
+    machine: Machine, model: Model, state: State, record: Record, progress: _Progress, common: dict[str, Any],
+    how: Mapping[str, Any],
+) -> State:  # fmt: skip
+    every = max(1, round(_PRESS_LOOK / machine.dt))
+    top = float(model.walls[PLATEN].point[2])
+    longest = math.ceil((top / machine.approach + _PRESS_MORE) / (every * machine.dt)) * every
+    pressure = machine.protocol.pressure
+
+    def carries(rows: list[Look]) -> bool:
+        last = rows[-_CARRIES:]
+        held = all(abs(row["pressure"] / pressure - 1.0) < _HELD for row in last)
+        return len(last) == _CARRIES and held and last[0]["height"] - last[-1]["height"] < _CREEP * last[-1]["height"]
+
+    state = stage(
+        model, state, record, every=every, longest=longest, gyrations=lambda _: 0.0,
+        done=lambda rows: rows[-1]["height"] <= machine.loose_height or carries(rows),
+        on_look=progress.of("pressing"), how=how, **common,
+    )  # fmt: skip
+    last = record.rows[-1]
+    if last["height"] <= machine.loose_height:
+        why = f"the height of {1e3 * machine.loose_height:.2f} mm was reached"
+    elif carries(record.rows):
+        why = f"the bed carries {pressure / 1e3:g} kPa"
+    else:
+        why = f"the platen was given {longest * machine.dt:.2g} s, and the bed still creeps"
+    progress.note(
+        f"Pressing ended at {1e3 * last['height']:.2f} mm, packing density {last['packing_density']:.4f}: {why}."
+    )
+    return state
+
+
+def _finished(
+    machine: Machine, model: Model, state: State, gyration: Gyration, records: Mapping[str, Record], progress: _Progress
+) -> Compaction:
+    looks = {name: record.rows for name, record in records.items()}
+    last = looks["gyration"][-1]
+    reached = last["height"] <= machine.target
+    if not reached:
+        progress.note(
+            f"The height of {1e3 * machine.target:.2f} mm was not reached in {last['gyration']:g} gyrations: the "
+            f"specimen is {1e3 * last['height']:.2f} mm high. All that was reached is kept; --gyrations allows more."
+        )
+    whole = [row for row in looks["gyration"] if abs(row["gyration"] - round(row["gyration"])) < 1e-6]
+    made = [row for row in whole if row["gyration"] >= 1.0]
+    fit = fit_power_law([row["gyration"] for row in made], [row["height"] for row in made]) if len(made) >= 3 else None
+    if fit is None:
+        progress.note(f"{len(made)} whole gyrations are too few to fit H = A G^B: at least three are needed.")
+    return Compaction(machine, model, state, gyration, looks, fit, reached, tuple(progress.notes))

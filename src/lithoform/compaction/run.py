@@ -1,0 +1,255 @@
+"""A compaction from the population to the files: drawn, compacted, measured, written; stopped, it goes on."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from lithoform.atomic import atomic_write
+from lithoform.compaction.compactor import LOOKS, STAGES, Compaction, Machine, compact
+from lithoform.compaction.request import Request
+from lithoform.compaction.specimen import Plan, Specimen, make_specimen
+from lithoform.compaction.stages import Look
+from lithoform.database.store import Store
+from lithoform.dem import Model, State, VtkSeries, write_table
+from lithoform.errors import OutputError
+from lithoform.gradation.curves import find_gradation
+from lithoform.locking import folder_lock
+from lithoform.packing.results import blocks_csv, deepest_overlap
+from lithoform.progress import counted
+from lithoform.result_folder import ResultFolder
+
+__all__ = ["FOLDER", "Drawing", "run_compaction"]
+
+NUMBERS_FILE: Final = "compaction.json"
+TABLE_FILE: Final = "table.parquet"
+BLOCKS_FILE: Final = "blocks.csv"
+PAGE_FILE: Final = "report.html"
+PICTURES: Final = ("specimen.png", "film.png", "curve.png")
+VTK_FOLDER: Final = "vtk"
+
+FOLDER: Final = ResultFolder(
+    what="compaction",
+    numbers=NUMBERS_FILE,
+    files=frozenset({NUMBERS_FILE, TABLE_FILE, BLOCKS_FILE, PAGE_FILE, *PICTURES,
+                     *(f"{stage}.{kind}" for stage in STAGES for kind in ("checkpoint", "json"))}),
+    series=(VTK_FOLDER,),
+)  # fmt: skip
+
+_UNITS: Final = {"gyration": "1", "height": "m", "packing_density": "1", "pressure": "Pa", "floor_pressure": "Pa",
+                 "lateral_pressure": "Pa", "coordination": "1", "coordination_without_rattlers": "1", "kinetic": "J",
+                 "potential": "J", "elastic": "J", "work_of_platen": "J", "work_of_mould": "J",
+                 "kinetic_share": "1"}  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Drawing:
+    """What pictures and the page are made of.
+
+    Attributes
+    ----------
+    compaction : Compaction
+    states : dict of str to (Model, State)
+        At the end of each stage, by its name.
+    results : dict
+        Plain values, as in compaction.json.
+    settings : dict
+    """
+
+    compaction: Compaction
+    states: dict[str, tuple[Model, State]]
+    results: dict[str, Any]
+    settings: dict[str, Any]
+
+
+def run_compaction(
+    request: Request,
+    out: Path,
+    *,
+    device: str = "auto",
+    threads: int | None = None,
+    overwrite: bool = False,
+    resume: bool = False,
+    progress: bool = False,
+    told: Callable[[str], object] = lambda _: None,
+    draw: Callable[[Drawing], dict[str, bytes]] | None = None,
+) -> dict[str, Any]:
+    """Compact a specimen of a population in a folder.
+
+    Parameters
+    ----------
+    request : Request
+    out : Path
+        Folder for compaction.json, table.parquet, blocks.csv, the checkpoints, the series and the pictures.
+    device, threads
+        As `lithoform.dem.simulate`; the result does not depend on the threads.
+    overwrite, resume : bool
+        Replace the compaction that the folder holds, or go on with it.
+    progress : bool
+        Whether to show bars.
+    told : callable
+        Is told, a line at a time, what there is to know.
+    draw : callable, optional
+        Gives the content of pictures and of the page, by name.
+
+    Returns
+    -------
+    dict
+        What compaction.json holds of the results.
+
+    Raises
+    ------
+    RecipeError, SceneError, SampleError, FileFormatError, MeshError
+        If the request cannot be met.
+    OutputError
+        If the folder is not one to write into.
+    SimulationError
+        If the simulation fails; what was reached before stays.
+    """
+    if overwrite and resume:
+        raise OutputError("--overwrite starts anew and --resume goes on; give one of them.")
+    protocol = request.protocol
+    plan = Plan(gradation=find_gradation(request.gradation), min_size=request.min_size, curve=request.curve,
+                count=request.count, mould=request.mould, select=request.select, seed=request.seed,
+                stiffness_factor=request.stiffness_factor)  # fmt: skip
+    store, settings = Store(request.population), request.settings()
+    FOLDER.check(out, settings, overwrite=overwrite, resume=resume)
+    with folder_lock(out):
+        former = FOLDER.check(out, settings, overwrite=overwrite, resume=resume)
+        if resume and former is not None and former["finished"]:
+            return former["results"]
+        specimen = make_specimen(store, plan, protocol, threads=threads, device=device, progress=progress, told=told)
+        machine = Machine(specimen=specimen, protocol=protocol, rate_factor=request.rate_factor, seed=request.seed)
+        for line in introduction(machine, request, threads=threads):
+            told(line)
+        if former is None or not resume:
+            FOLDER.clear(out, settings)
+        FOLDER.remove_unfinished(out)
+        return _make(machine, request, out, settings, device, threads, progress, told, draw)
+
+
+def introduction(machine: Machine, request: Request, *, threads: int | None = None) -> list[str]:
+    """What there is to know before a run, in sentences."""
+    specimen, protocol = machine.specimen, machine.protocol
+    model, modulus = specimen.model, specimen.model.materials[0].youngs_modulus
+    differing = specimen.grading.largest_difference
+    stiffness = f"Young's modulus {modulus / 1e6:,.4g} MPa"
+    if request.stiffness_factor != 1.0:
+        stiffness += f" instead of 55,000 MPa (--stiffness-factor {request.stiffness_factor:g})"
+    stones = (
+        f"{model.count} stones of {len(model.shapes)} shapes, {specimen.grading.mass:.3f} kg, {request.gradation} from "
+        f"{1e3 * request.min_size:g} mm up, met within {differing:.2f} % of the mass."
+    )
+    done = (
+        f"Protocol {protocol.name}: {protocol.pressure / 1e3:g} kPa, {protocol.angles()}, "
+        f"{protocol.rate * request.rate_factor:g} gyrations a minute instead of {protocol.rate:g} (--rate-factor "
+        f"{request.rate_factor:g}), until {1e3 * machine.target:.2f} mm or {protocol.gyrations} gyrations."
+    )
+    return [
+        stones,
+        *specimen.scaled(protocol),
+        done,
+        f"Material of stones, mould and platens: Table 10, {stiffness}. Local damping: none.",
+        f"Scales of the gyrations: {machine.scales(threads=threads).text()}.",
+    ]
+
+
+def _make(
+    machine: Machine, request: Request, out: Path, settings: dict[str, Any], device: str, threads: int | None,
+    progress: bool, told: Callable[[str], object], draw: Callable[[Drawing], dict[str, bytes]] | None,
+) -> dict[str, Any]:  # fmt: skip
+    began = time.perf_counter()
+    before = _spent(out)
+    states: dict[str, tuple[Model, State]] = {}
+    series = VtkSeries(out / VTK_FOLDER, machine.specimen.model, surface="hull") if request.vtk else None
+    gyrating = machine.protocol.gyrations * LOOKS * machine.every
+
+    with counted(gyrating, what="steps of the gyrations", enabled=progress) as advance:
+        made = 0
+
+        def on_look(stage: str, model: Model, state: State, row: Look) -> None:
+            nonlocal made
+            if stage == "gyration":
+                now = round(row["gyration"] * LOOKS) * machine.every
+                advance(now - made)
+                made = now
+            whole = abs(row["gyration"] - round(row["gyration"])) < 1e-6
+            if series is not None and stage == "gyration" and whole:
+                series(model, state)
+
+        done = compact(machine, out, told=told, on_look=on_look, device=device, threads=threads,
+                       on_stage=lambda name, model, state: states.update({name: (model, state)}))  # fmt: skip
+    results = {**_results(done), "seconds": round(before + time.perf_counter() - began, 3)}
+    _write(out, done, settings)
+    if draw is not None:
+        for name, content in draw(Drawing(done, states, results, settings)).items():
+            atomic_write(out / name, content)
+    FOLDER.write(out, settings, {"results": results}, finished=True)
+    return results
+
+
+def _spent(out: Path) -> float:
+    """Wall-clock time between the first and the last file of a run that was stopped [s]."""
+    times = [path.stat().st_mtime for path in out.iterdir() if path.suffix == ".json"]
+    return max(times) - min(times) if times else 0.0
+
+
+def _results(done: Compaction) -> dict[str, Any]:
+    machine, series = done.machine, done.series
+    specimen, protocol = machine.specimen, machine.protocol
+    found = machine.scales()
+    pressures = np.array([row["pressure"] for row in done.looks["gyration"]])
+    pressed = done.looks["pressing"][-1]
+    last = done.looks["gyration"][-1]
+    return {
+        "fit": _fit(done),
+        "series": {name: series[name].tolist() for name in series if name != "step"},
+        "loose": {"height": pressed["height"], "packing_density": pressed["packing_density"],
+                  "coordination": pressed["coordination"]},
+        "compacted": {"height": last["height"], "packing_density": last["packing_density"],
+                      "coordination": last["coordination"], "gyration": last["gyration"]},
+        "height_reached": done.reached,
+        "target_height": machine.target,
+        "stones": specimen.model.count,
+        "different_stones": len(specimen.model.shapes),
+        "mass": specimen.grading.mass,
+        "mould_diameter": specimen.diameter,
+        "mould_over_largest_stone": specimen.diameter / specimen.largest,
+        "length_scale": specimen.length_scale,
+        "angle_external": protocol.angle,
+        "angle_internal": protocol.angle,
+        "gyrations_per_second": machine.frequency,
+        "pressure": {"asked": protocol.pressure, "mean": float(pressures.mean()),
+                     "standard_deviation": float(pressures.std())},
+        "deepest_overlap_over_radius": deepest_overlap(done.model, done.state),
+        "steps": done.state.step,
+        "time": done.state.time,
+        "time_step": machine.dt,
+        "scales": {key: value if math.isfinite(value) else None for key, value in dataclasses.asdict(found).items()
+                   if key not in ("steps", "hours")},
+        "notes": list(done.notes),
+    }  # fmt: skip
+
+
+def _fit(done: Compaction) -> dict[str, Any] | None:
+    if done.fit is None:
+        return None
+    return {"A": done.fit.a, "A_mm": 1e3 * done.fit.a, "B": done.fit.b, "R2": done.fit.r_squared,
+            "A_interval": list(done.fit.a_interval), "B_interval": list(done.fit.b_interval),
+            "points": done.fit.points}  # fmt: skip
+
+
+def _write(out: Path, done: Compaction, settings: dict[str, Any]) -> None:
+    specimen: Specimen = done.machine.specimen
+    atomic_write(out / BLOCKS_FILE, blocks_csv(done.model, done.state, specimen.names))
+    rows = [{"stage": float(k), **row} for k, name in enumerate(STAGES) for row in done.looks[name]]
+    table = {name: np.array([row[name] for row in rows]) for name in rows[0]}
+    units = {name: _UNITS.get(name, "1") for name in table if name != "time"}
+    write_table(out / TABLE_FILE, table, units=units)

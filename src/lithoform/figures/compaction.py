@@ -1,0 +1,113 @@
+"""Pictures of a compaction: the specimen, the way there, and its height over the gyrations (Fig. 11 and 13)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from lithoform.figures.packing import Heap, heap_picture, plain_axes
+from lithoform.figures.sheet import COLOURS, GREY, MARKERS, sheet
+
+__all__ = ["Curve", "curve_figure", "film_strip", "specimen_figure"]
+
+_DPI: Final = 220
+_MILLI: Final = 1e3
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Curve:
+    """Heights over gyrations.
+
+    Attributes
+    ----------
+    label : str
+    gyrations, heights, densities : numpy.ndarray, shape (n,)
+        Heights [m], packing densities.
+    fitted : (float, float) or None
+        A [m] and B of H = A G^B.
+    """
+
+    label: str
+    gyrations: np.ndarray
+    heights: np.ndarray
+    densities: np.ndarray
+    fitted: tuple[float, float] | None = None
+
+
+def specimen_figure(heap: Heap, title: str, lines: Sequence[str]) -> np.ndarray:
+    """Picture of a specimen in its mould, with what was measured of it.
+
+    Parameters
+    ----------
+    heap : Heap
+    title : str
+    lines : sequence of str
+
+    Returns
+    -------
+    numpy.ndarray, shape (height, width, 3), uint8
+    """
+    with sheet(170.0, 90.0, _DPI) as page:
+        page.paste(heap_picture(heap, (page.to_pixels(104.0), page.to_pixels(86.0))), 2.0, 2.0)
+        page.text(110.0, 12.0, title, size=10.0, ha="left", weight="bold")
+        for i, line in enumerate(lines):
+            page.text(110.0, 20.0 + 5.2 * i, line, size=7.0, ha="left")
+        return page.pixels()
+
+
+def film_strip(heaps: Sequence[Heap], captions: Sequence[str]) -> np.ndarray:
+    """Pictures of a specimen at one scale, from left to right.
+
+    Parameters
+    ----------
+    heaps : sequence of Heap
+    captions : sequence of str
+        One for each; lines are broken at newlines.
+
+    Returns
+    -------
+    numpy.ndarray, shape (height, width, 3), uint8
+    """
+    width, tall = 58.0, 78.0
+    tallest = max(float(heap.places[:, 2].max()) for heap in heaps)
+    with sheet(width * len(heaps) + 4.0, tall + 16.0, _DPI) as page:
+        for i, (heap, caption) in enumerate(zip(heaps, captions, strict=True)):
+            picture = heap_picture(heap, (page.to_pixels(width - 2.0), page.to_pixels(tall)), tallest=tallest)
+            page.paste(picture, 2.0 + width * i, 1.0)
+            for k, line in enumerate(caption.split("\n")):
+                page.text(2.0 + width * (i + 0.5), tall + 4.0 + 4.2 * k, line, size=7.5 - 0.5 * k)
+        return page.pixels()
+
+
+def curve_figure(curves: Sequence[Curve]) -> np.ndarray:
+    """Height and packing density over the gyrations, which are on a logarithmic axis, with the fits.
+
+    Parameters
+    ----------
+    curves : sequence of Curve
+
+    Returns
+    -------
+    numpy.ndarray, shape (height, width, 3), uint8
+    """
+    with sheet(170.0, 80.0, _DPI) as page:
+        left, right = page.axes(16.0, 5.0, 62.0, 60.0), page.axes(98.0, 5.0, 62.0, 60.0)
+        for axes, name in ((left, "height (mm)"), (right, "packing density")):
+            plain_axes(axes, "gyrations", name)
+            axes.set_xscale("log")
+            axes.xaxis.set_major_formatter("{x:g}")
+        for i, curve in enumerate(curves):
+            on = curve.gyrations >= 1.0
+            style = {"color": COLOURS[i % len(COLOURS)], "marker": MARKERS[i % len(MARKERS)], "markersize": 3.0,
+                     "linewidth": 0.0 if curve.fitted else 0.8}  # fmt: skip
+            left.plot(curve.gyrations[on], _MILLI * curve.heights[on], label=curve.label, **style)
+            right.plot(curve.gyrations[on], curve.densities[on], **style)
+            if curve.fitted is not None and on.any():
+                a, b = curve.fitted
+                line = np.geomspace(1.0, curve.gyrations[on].max(), 100)
+                left.plot(line, _MILLI * a * line**b, color=GREY, linewidth=1.0, zorder=0)
+        left.legend(fontsize=6.0, frameon=False)
+        return page.pixels()
