@@ -35,6 +35,7 @@ def compact(
     curve: str = "mid",
     min_size: str | None = None,
     select: str | None = None,
+    pressure: float | None = None,
     gyrations: Whole | None = None,
     to_height: str | None = None,
     rate_factor: float = 20.0,
@@ -81,6 +82,8 @@ def compact(
         Least sieve size [default: 4.75mm, or 2.36mm where --mould is given without --count].
     select
         Which particles of the database: a condition in SQL, such as "class = 'cube'".
+    pressure
+        Of the platen [kPa] [default: the preset's, 600].
     gyrations
         At most [default: the preset's].
     to_height
@@ -124,6 +127,7 @@ def compact(
         count=None if full else count or _COUNT,
         mould=None if mould is None else parse_length(mould),
         select=select,
+        pressure=None if pressure is None else 1e3 * pressure,
         gyrations=gyrations,
         to_height=None if to_height is None else parse_length(to_height),
         rate_factor=rate_factor,

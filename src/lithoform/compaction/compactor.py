@@ -34,12 +34,13 @@ _RAMP: Final = 0.25
 # The bed carries the pressure when so many looks in turn are within this share of it, and it got lower by less than
 # this share of its height in them.
 _CARRIES, _HELD, _CREEP = 8, 0.01, 2e-4
-# Time between two looks while the platen comes down, and after it should be down [s].
-_PRESS_LOOK, _PRESS_MORE = 5e-4, 0.3
+# Time between two looks while the platen comes down, at least, and how many there are at most; time that it is given
+# after it should be down [s].
+_PRESS_LOOK, _PRESS_LOOKS, _PRESS_MORE = 5e-4, 500, 0.3
 # The platen's mass over that of the stones, and its damping [s]; see `Machine.servo`.
 _PLATEN_MASS, _PLATEN_TIME, _PLATEN_SPEED = 0.5, 2e-3, 1.0
-# The platen comes down so that the inertial number stays below this.
-_QUASI_STATIC: Final = 1e-3
+# The platen comes down so that the inertial number under its pressure stays below this.
+_QUASI_STATIC: Final = 2e-3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,12 +85,12 @@ class Machine:
     @property
     def target(self) -> float:
         """Height at which the run ends [m]."""
-        return self.protocol.height * self.specimen.length_scale
+        return self.protocol.height * self.specimen.height_scale
 
     @property
     def loose_height(self) -> float:
         """Height at which pressing ends, if the platen gets there [m]."""
-        return self.protocol.loose_height * self.specimen.length_scale
+        return self.protocol.loose_height * self.specimen.height_scale
 
     @property
     def servo(self) -> Servo:
@@ -251,8 +252,8 @@ def _press(
     machine: Machine, model: Model, state: State, record: Record, progress: _Progress, common: dict[str, Any],
     how: Mapping[str, Any],
 ) -> State:  # fmt: skip
-    every = max(1, round(_PRESS_LOOK / machine.dt))
     top = float(model.walls[PLATEN].point[2])
+    every = max(1, round(max(_PRESS_LOOK, top / machine.approach / _PRESS_LOOKS) / machine.dt))
     longest = math.ceil((top / machine.approach + _PRESS_MORE) / (every * machine.dt)) * every
     pressure = machine.protocol.pressure
 

@@ -34,6 +34,8 @@ class Request:
         Stones, and diameter of the mould [m]: as `lithoform.compaction.specimen.Plan`.
     select : str or None
         Particles of the database.
+    pressure : float or None
+        Of the upper platen [Pa]; by default the protocol's.
     gyrations : int or None
         At most; by default those of the protocol.
     to_height : float or None
@@ -56,6 +58,7 @@ class Request:
     count: int | None = 300
     mould: float | None = None
     select: str | None = None
+    pressure: float | None = None
     gyrations: int | None = None
     to_height: float | None = None
     rate_factor: float = 20.0
@@ -70,10 +73,10 @@ class Request:
             raise RecipeError(f"expected a curve of low, mid or high; got {self.curve!r}.")
         limits = {"min_size": (1e-5, 1.0), "mould": (1e-3, 10.0), "to_height": (1e-4, 10.0),
                   "rate_factor": (1e-3, 1e3), "stiffness_factor": (1e-3, 1.0), "count": (10, 1_000_000),
-                  "gyrations": (1, 10_000)}  # fmt: skip
+                  "pressure": (1.0, 1e8), "gyrations": (1, 10_000)}  # fmt: skip
         for name, (low, high) in limits.items():
             value = getattr(self, name)
-            if value is None and name in ("mould", "to_height", "count", "gyrations"):
+            if value is None and name in ("mould", "to_height", "count", "pressure", "gyrations"):
                 continue
             if not (isinstance(value, (int, float)) and math.isfinite(value) and low <= value <= high):
                 raise RecipeError(f"expected --{name.replace('_', '-')} from {low:g} to {high:g}; got {value!r}.")
@@ -81,7 +84,8 @@ class Request:
     @property
     def protocol(self) -> Protocol:
         """The preset with what is asked for otherwise."""
-        return find_preset(self.preset).changed(gyrations=self.gyrations, height=self.to_height)
+        changes = {"pressure": self.pressure, "gyrations": self.gyrations, "height": self.to_height}
+        return find_preset(self.preset).changed(**changes)
 
     def settings(self) -> dict[str, Any]:
         """Plain values, with the version of the program."""

@@ -18,8 +18,8 @@ from lithoform.compaction.request import Request
 from lithoform.compaction.specimen import Plan, Specimen, make_specimen
 from lithoform.compaction.stages import Look
 from lithoform.database.store import Store
-from lithoform.dem import Model, State, VtkSeries, write_table
-from lithoform.errors import OutputError
+from lithoform.dem import Model, State, VtkSeries, scales, write_table
+from lithoform.errors import OutputError, SceneError
 from lithoform.gradation.curves import find_gradation
 from lithoform.locking import folder_lock
 from lithoform.packing.results import blocks_csv, deepest_overlap
@@ -39,9 +39,12 @@ FOLDER: Final = ResultFolder(
     what="compaction",
     numbers=NUMBERS_FILE,
     files=frozenset({NUMBERS_FILE, TABLE_FILE, BLOCKS_FILE, PAGE_FILE, *PICTURES,
-                     *(f"{stage}.{kind}" for stage in STAGES for kind in ("checkpoint", "json"))}),
+                     *(f"{stage}.{kind}" for stage in STAGES for kind in ("checkpoint", "jsonl"))}),
     series=(VTK_FOLDER,),
 )  # fmt: skip
+
+# Mean overlap over radius that is allowed: at ten times as much a contact is a fault.
+_SOFTEST: Final = 0.006
 
 _UNITS: Final = {"gyration": "1", "height": "m", "packing_density": "1", "pressure": "Pa", "floor_pressure": "Pa",
                  "lateral_pressure": "Pa", "coordination": "1", "coordination_without_rattlers": "1", "kinetic": "J",
@@ -127,12 +130,25 @@ def run_compaction(
             return former["results"]
         specimen = make_specimen(store, plan, protocol, threads=threads, device=device, progress=progress, told=told)
         machine = Machine(specimen=specimen, protocol=protocol, rate_factor=request.rate_factor, seed=request.seed)
+        _require_stiffness(machine, request.stiffness_factor)
         for line in introduction(machine, request, threads=threads):
             told(line)
         if former is None or not resume:
             FOLDER.clear(out, settings)
         FOLDER.remove_unfinished(out)
         return _make(machine, request, out, settings, device, threads, progress, told, draw)
+
+
+def _require_stiffness(machine: Machine, factor: float) -> None:
+    """Refuse stones that the platen would press into one another: chains carry ten times the mean."""
+    overlap = 1.0 / scales(machine.specimen.model, machine.protocol.pressure).kappa
+    if overlap > _SOFTEST:
+        needed = factor * (overlap / _SOFTEST) ** 1.5
+        raise SceneError(
+            f"expected stones that are pressed at most {_SOFTEST:g} of a radius into one another on the average; at "
+            f"{machine.protocol.pressure / 1e3:g} kPa with --stiffness-factor {factor:g} it would be {overlap:.2g}: "
+            f"give at least --stiffness-factor {min(1.0, 1.005 * needed):.2g}, or a smaller --pressure."
+        )
 
 
 def introduction(machine: Machine, request: Request, *, threads: int | None = None) -> list[str]:
@@ -197,7 +213,7 @@ def _make(
 
 def _spent(out: Path) -> float:
     """Wall-clock time between the first and the last file of a run that was stopped [s]."""
-    times = [path.stat().st_mtime for path in out.iterdir() if path.suffix == ".json"]
+    times = [path.stat().st_mtime for path in out.iterdir() if path.suffix in (".json", ".jsonl")]
     return max(times) - min(times) if times else 0.0
 
 
@@ -222,7 +238,7 @@ def _results(done: Compaction) -> dict[str, Any]:
         "mass": specimen.grading.mass,
         "mould_diameter": specimen.diameter,
         "mould_over_largest_stone": specimen.diameter / specimen.largest,
-        "length_scale": specimen.length_scale,
+        "height_scale": specimen.height_scale,
         "angle_external": protocol.angle,
         "angle_internal": protocol.angle,
         "gyrations_per_second": machine.frequency,

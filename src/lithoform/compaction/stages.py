@@ -42,7 +42,7 @@ class Record:
     Attributes
     ----------
     path : Path
-        Without the endings .json and .checkpoint.
+        Without the endings .jsonl and .checkpoint.
     rows : list of dict
     """
 
@@ -56,8 +56,8 @@ class Record:
 
     @property
     def file(self) -> Path:
-        """File of the looks."""
-        return self.path.with_name(f"{self.path.name}.json")
+        """File of the looks, a line of JSON each."""
+        return self.path.with_name(f"{self.path.name}.jsonl")
 
     def resume(self, model: Model, start: State) -> State:
         """The state to go on from, with the looks until then: of the checkpoint, or the start.
@@ -71,21 +71,33 @@ class Record:
         """
         self.rows.clear()
         if not (self.checkpoint.exists() and self.file.exists()):
+            self.file.unlink(missing_ok=True)
             return start
         state = read_checkpoint(self.checkpoint, model)
         try:
-            rows = [{str(key): float(value) for key, value in row.items()} for row in json.loads(self.file.read_text())]
+            # A run that was killed may leave a last line that is not whole; its step is behind the checkpoint's.
+            lines = self.file.read_bytes().split(b"\n")[:-1]
+            rows = [{str(key): float(value) for key, value in json.loads(line).items()} for line in lines]
             self.rows += [row for row in rows if row["step"] <= state.step]
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
             raise OutputError(f"{self.file} is damaged, the run cannot be resumed: give --overwrite to start "
                               "anew.") from error  # fmt: skip
+        atomic_write(self.file, b"".join(map(_line, self.rows)))
         return state
 
     def add(self, row: Look) -> None:
         """Note a look, once a step."""
         if not (self.rows and self.rows[-1]["step"] >= row["step"]):
             self.rows.append(row)
-            atomic_write(self.file, json.dumps(self.rows).encode())
+            try:
+                with self.file.open("ab") as file:
+                    file.write(_line(row))
+            except OSError as error:
+                raise OutputError(f"cannot write {self.file}: {error.strerror or error}.") from error
+
+
+def _line(row: Look) -> bytes:
+    return json.dumps(row).encode() + b"\n"
 
 
 def look(model: Model, state: State, gyration: float, diameter: float) -> Look:

@@ -18,7 +18,7 @@ from lithoform.dem.clearances import shared_depths
 from lithoform.dem.container import Container, solid_below
 from lithoform.dem.energy import energy
 from lithoform.dem.model import Model
-from lithoform.dem.state import State, rotate, rotate_back
+from lithoform.dem.state import State
 from lithoform.dem.walls import Cylinder
 from lithoform.errors import SceneError
 
@@ -339,25 +339,38 @@ def _on_walls(model: Model, state: State, block: np.ndarray, wall: np.ndarray) -
     # Where the blocks were when the forces were evaluated: in a step the deepest point may jump to another vertex.
     position = state.position - state.velocity * (2.0 * state.lag)
     orientation = _turned_back(state.orientation, state.spin * state.lag)
+    # All turns at once; the vertices of each block then in its own frame.
+    turns = _matrices(orientation[block])
+    points = np.einsum("cji,cj->ci", turns, state.wall_point[wall] - position[block])
+    directions = np.einsum("cji,cj->ci", turns, state.wall_direction[wall])
     for c, (i, w) in enumerate(zip(block.tolist(), wall.tolist(), strict=True)):
-        turn = orientation[i : i + 1].repeat(2, axis=0)
-        # Distances of the core's vertices from the wall, in the frame of the shape.
-        there = np.stack([state.wall_point[w] - position[i], state.wall_direction[w]])
-        point, direction = rotate_back(turn, there)
+        point, direction = points[c], directions[c]
         vertices = model.shapes[model.shape[i]].core.vertices * model.scale[i]
-        height = ((vertices - point) * direction).sum(axis=1)
+        from_point = vertices - point
+        height = from_point @ direction
         made = model.walls[w]
         if isinstance(made, Cylinder):
-            height = made.radius - np.linalg.norm(vertices - point - height[:, None] * direction, axis=1)
+            off = from_point - height[:, None] * direction
+            height = made.radius - np.sqrt((off**2).sum(axis=1))
         weights = np.exp((height.min() - height) / shared[i, w])
-        arm = (weights[:, None] * vertices).sum(axis=0) / weights.sum()
+        arm = weights @ vertices / weights.sum()
         outward = -direction
         if isinstance(made, Cylinder):
-            outward = arm - point - ((arm - point) * direction).sum() * direction
-            outward = outward / np.linalg.norm(outward)
-        toward[c], place[c] = rotate(turn, np.stack([outward, arm + model.margin[i] * outward]))
-        place[c] += position[i]
-    return toward, place
+            outward = arm - point - ((arm - point) @ direction) * direction
+            outward = outward / math.sqrt(outward @ outward)
+        toward[c], place[c] = outward, arm + model.margin[i] * outward
+    return np.einsum("cij,cj->ci", turns, toward), np.einsum("cij,cj->ci", turns, place) + position[block]
+
+
+def _matrices(quaternion: np.ndarray) -> np.ndarray:
+    """Rotation matrices of unit quaternions (x, y, z, w), shape (n, 3, 3)."""
+    x, y, z, w = quaternion.T
+    rows = [
+        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
+        [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
+        [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)],
+    ]
+    return np.array(rows).transpose(2, 0, 1)
 
 
 def _turned_back(quaternion: np.ndarray, half: np.ndarray) -> np.ndarray:
