@@ -232,9 +232,9 @@ def closed(_: Options) -> Iterator[Row]:
 
 
 def walls(_: Options) -> Iterator[Row]:
-    height, overlap, tilt = contact.resting_height((0.02, 0.015, 0.01))
+    height, overlap, scale, tilt = contact.resting_height((0.02, 0.015, 0.01))
     radius = (0.02 * 0.015 * 0.01 * 3.0 / (4.0 * math.pi)) ** (1.0 / 3.0)
-    shared = 1e-4 * radius * math.log(4.0)
+    shared = scale * math.log(4.0)
     error = abs(height + overlap - shared) / overlap
     yield Row("box at rest: height over Hertz's overlap, less ln 4 of the scale of the smooth maximum",
               "1 % of the overlap", f"{error:.1e}; the scale itself {shared / radius:.1e} radii; tilt {tilt:.0e}",

@@ -152,6 +152,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "result_folder",
         "seeds",
         "sidecar",
+        "statistics",
     },
     "export": {"dem", "errors", "mesh"},
     # results in, pictures and pages out; nothing is computed anew
@@ -204,6 +205,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "warp_runtime",
     },
     "report": {"database", "errors", "statistics"},
+    "experiment_report": {"compaction", "figures", "report"},
     "compaction_report": {"compaction", "dem", "figures", "report"},
     "comparison_report": {"atomic", "descriptors", "errors", "figures", "report", "sidecar", "statistics"},
 }

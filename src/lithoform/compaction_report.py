@@ -32,14 +32,21 @@ def compaction_files(drawing: Drawing) -> dict[str, bytes]:
     for stage, name in _STAGES.items():
         row = done.looks[stage][-1]
         turns = f", {row['gyration']:g} gyrations" if stage == "gyration" else ""
-        captions.append(f"{name}{turns}\n{1e3 * row['height']:.1f} mm, packing density {row['packing_density']:.3f}")
+        what = f"{1e3 * row['height']:.1f} mm, packing density {row['packing_density']:.3f}"
+        if stage == "deposition":
+            what = f"centre of mass at {500.0 * row['height']:.1f} mm"
+        captions.append(f"{name}{turns}\n{what}")
     lines = [
         f"in a mould {1e3 * diameter:.1f} mm wide",
         f"after {end['gyration']:g} gyrations at {drawing.settings['rate_factor']:g} times the rate",
         f"height {1e3 * end['height']:.2f} mm, from {1e3 * loose['height']:.2f} mm",
         f"packing density {end['packing_density']:.4f}, from {loose['packing_density']:.4f}",
         f"coordination number {end['coordination']:.2f}",
-        *([done.fit.text()] if done.fit else []),
+        *(
+            [rf"$H = {1e3 * done.fit.a:.2f}\,G^{{{done.fit.b:.4f}}}$ mm, $R^2 = {done.fit.r_squared:.4f}$"]
+            if done.fit
+            else []
+        ),
     ]
     specimen = specimen_figure(heaps["gyration"], f"{results['stones']} stones, {drawing.settings['gradation']}", lines)
     series = done.series

@@ -11,7 +11,9 @@ import numpy as np
 from lithoform.figures.packing import Heap, heap_picture, plain_axes
 from lithoform.figures.sheet import COLOURS, GREY, MARKERS, sheet
 
-__all__ = ["Curve", "curve_figure", "film_strip", "specimen_figure"]
+__all__ = [
+    "Curve", "Densities", "cases_figure", "curve_figure", "densities_figure", "film_strip", "specimen_figure",
+]  # fmt: skip
 
 _DPI: Final = 220
 _MILLI: Final = 1e3
@@ -72,7 +74,7 @@ def film_strip(heaps: Sequence[Heap], captions: Sequence[str]) -> np.ndarray:
     numpy.ndarray, shape (height, width, 3), uint8
     """
     width, tall = 58.0, 78.0
-    tallest = max(float(heap.places[:, 2].max()) for heap in heaps)
+    tallest = max(map(_top, heaps))
     with sheet(width * len(heaps) + 4.0, tall + 16.0, _DPI) as page:
         for i, (heap, caption) in enumerate(zip(heaps, captions, strict=True)):
             picture = heap_picture(heap, (page.to_pixels(width - 2.0), page.to_pixels(tall)), tallest=tallest)
@@ -80,6 +82,12 @@ def film_strip(heaps: Sequence[Heap], captions: Sequence[str]) -> np.ndarray:
             for k, line in enumerate(caption.split("\n")):
                 page.text(2.0 + width * (i + 0.5), tall + 4.0 + 4.2 * k, line, size=7.5 - 0.5 * k)
         return page.pixels()
+
+
+def _top(heap: Heap) -> float:
+    """Height that no stone exceeds [m]."""
+    reach = np.array([np.sqrt((mesh.vertices**2).sum(axis=1).max()) for mesh in heap.meshes])[heap.which]
+    return float((heap.places[:, 2] + reach * np.cbrt(np.abs(np.linalg.det(heap.turns)))).max())
 
 
 def curve_figure(curves: Sequence[Curve]) -> np.ndarray:
@@ -99,6 +107,8 @@ def curve_figure(curves: Sequence[Curve]) -> np.ndarray:
             plain_axes(axes, "gyrations", name)
             axes.set_xscale("log")
             axes.xaxis.set_major_formatter("{x:g}")
+            axes.xaxis.set_minor_formatter(lambda x, _: f"{x:g}" if f"{x:e}"[0] in "25" else "")
+            axes.tick_params(which="minor", labelsize=6.5)
         for i, curve in enumerate(curves):
             on = curve.gyrations >= 1.0
             style = {"color": COLOURS[i % len(COLOURS)], "marker": MARKERS[i % len(MARKERS)], "markersize": 3.0,
@@ -110,4 +120,87 @@ def curve_figure(curves: Sequence[Curve]) -> np.ndarray:
                 line = np.geomspace(1.0, curve.gyrations[on].max(), 100)
                 left.plot(line, _MILLI * a * line**b, color=GREY, linewidth=1.0, zorder=0)
         left.legend(fontsize=6.0, frameon=False)
+        return page.pixels()
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Densities:
+    """Packing densities of an experiment.
+
+    Attributes
+    ----------
+    title : str
+    scanned : numpy.ndarray, shape (c,)
+        A value a case.
+    generated : numpy.ndarray, shape (c, k)
+    published : (float, float)
+        Range in the paper.
+    """
+
+    title: str
+    scanned: np.ndarray
+    generated: np.ndarray
+    published: tuple[float, float]
+
+
+def densities_figure(panels: Sequence[Densities]) -> np.ndarray:
+    """Packing densities of scanned and of generated specimens, case by case (Fig. 12), with the paper's range.
+
+    Parameters
+    ----------
+    panels : sequence of Densities
+
+    Returns
+    -------
+    numpy.ndarray, shape (height, width, 3), uint8
+    """
+    with sheet(85.0 * len(panels), 78.0, _DPI) as page:
+        for i, panel in enumerate(panels):
+            axes = page.axes(16.0 + 85.0 * i, 8.0, 64.0, 54.0)
+            plain_axes(axes, "case", "packing density")
+            axes.set_title(panel.title, fontsize=7.5)
+            low, high = panel.published
+            axes.axhspan(low, high, color=GREY, alpha=0.25, linewidth=0.0, label="the paper's range")
+            cases = np.arange(1, len(panel.scanned) + 1)
+            axes.plot(cases - 0.12, panel.scanned, "s", color=COLOURS[0], markersize=4.5, label="scanned")
+            for k in range(panel.generated.shape[1]):
+                axes.plot(cases + 0.08 + 0.08 * k, panel.generated[:, k], "o", color=COLOURS[1], markersize=3.5,
+                          label="generated" if k == 0 else None)  # fmt: skip
+            axes.set_xticks(cases)
+            axes.set_xlim(0.5, len(cases) + 0.5)
+            axes.legend(fontsize=6.0, frameon=False)
+        return page.pixels()
+
+
+def cases_figure(cases: Sequence[Sequence[Curve]]) -> np.ndarray:
+    """Height over gyrations, a panel a case (Fig. 13): the first curve is that of the scanned stones.
+
+    Parameters
+    ----------
+    cases : sequence of sequence of Curve
+
+    Returns
+    -------
+    numpy.ndarray, shape (height, width, 3), uint8
+    """
+    columns = min(3, len(cases))
+    rows = -(-len(cases) // columns)
+    with sheet(62.0 * columns + 4.0, 56.0 * rows + 4.0, _DPI) as page:
+        for i, curves in enumerate(cases):
+            axes = page.axes(15.0 + 62.0 * (i % columns), 8.0 + 56.0 * (i // columns), 44.0, 34.0)
+            plain_axes(axes, "gyrations", "height (mm)")
+            axes.set_title(f"case {i + 1}", fontsize=7.5)
+            axes.set_xscale("log")
+            axes.xaxis.set_major_formatter("{x:g}")
+            axes.xaxis.set_minor_formatter(lambda x, _: f"{x:g}" if f"{x:e}"[0] in "25" else "")
+            axes.tick_params(which="minor", labelsize=6.5)
+            for k, curve in enumerate(curves):
+                on = curve.gyrations >= 1.0
+                axes.plot(curve.gyrations[on], _MILLI * curve.heights[on], MARKERS[k % len(MARKERS)], markersize=2.4,
+                          color=COLOURS[k % len(COLOURS)], label=curve.label)  # fmt: skip
+                if curve.fitted is not None and on.any():
+                    a, b = curve.fitted
+                    line = np.geomspace(1.0, curve.gyrations[on].max(), 60)
+                    axes.plot(line, _MILLI * a * line**b, color=COLOURS[k % len(COLOURS)], linewidth=0.6)
+            axes.legend(fontsize=5.0, frameon=False)
         return page.pixels()

@@ -138,8 +138,8 @@ def heap_picture(heap: Heap, size: tuple[int, int], *, tallest: float | None = N
         every = np.concatenate([surface.mesh.vertices for surface in (stones, *walls)])
         if tallest is not None:
             wide = 0.5 * max(heap.sides) * (1.0 + 2.0 * _THICK)
-            corners = np.array([[x, y, z] for x in (-wide, wide) for y in (-wide, wide) for z in (0.0, tallest)])
-            every = np.concatenate([every, corners])
+            room = (-_THICK * max(heap.sides), _ABOVE * tallest)
+            every = np.array([[x, y, z] for x in (-wide, wide) for y in (-wide, wide) for z in room])
         right, up, _ = view_axes(VIEW)
         span = 1.04 * max(float(np.ptp(every @ up)), float(np.ptp(every @ right)) * size[1] / size[0])
         return studio.scene([stones, *walls], studio.placement(every, span))

@@ -1,0 +1,121 @@
+"""`lithoform experiment`."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from dataclasses import asdict
+from pathlib import Path
+
+from cyclopts import App
+
+from lithoform.cli.arguments import Flag, Json, Whole
+from lithoform.cli.output import say
+
+__all__ = ["experiment"]
+
+experiment = App(name="experiment", help="Experiments of the paper carried out anew: sgc.", help_format="markdown")
+
+
+@experiment.command
+def sgc(
+    out: Path,
+    /,
+    *,
+    scanned: Path,
+    generated: Path,
+    cases: Whole = 6,
+    generated_runs: Whole = 3,
+    scale: str = "medium",
+    count: Whole | None = None,
+    gyrations: Whole | None = None,
+    rate_factor: float | None = None,
+    stiffness_factor: float | None = None,
+    seed: Whole = 0,
+    device: str = "auto",
+    workers: Whole | None = None,
+    scheduler: str | None = None,
+    resume: Flag = False,
+    json_: Json = False,
+    debug: Flag = False,
+) -> int:
+    """Compact specimens of scanned and of generated stones alike, and compare them: section 6 of the paper.
+
+    In each case there is one specimen of scanned stones and several of generated ones, each of other stones. OUT gets
+    a folder a run, runs.csv, Fig. 12 and 13 and Table 6 beside the paper's, and report.html with the verdict: the
+    difference between the sources against that between seeds, and a test of equivalence.
+
+    Interrupted, the same command with --resume goes on.
+
+    **Example:** `lithoform experiment sgc out --scanned scans --generated stones --cases 3 --generated-runs 2`
+
+    Parameters
+    ----------
+    out
+        Folder for the results.
+    scanned, generated
+        Databases.
+    cases
+        Of the paper: 6.
+    generated_runs
+        Specimens of generated stones in each case; of the paper: 3.
+    scale
+        small (60 stones, 5 gyrations), medium (300, 33) or paper (a mould of 150 mm, until 63.5 mm).
+    count
+        Stones, in place of those of the scale.
+    gyrations
+        At most, in place of those of the scale.
+    rate_factor, stiffness_factor
+        As lithoform compact.
+    seed
+        Each run has one of its own, made of this one.
+    device
+        auto, cpu or cuda.
+    workers
+        Local processes [default: the processors at hand]; 0: threads of this process.
+    scheduler
+        Address of a Dask scheduler, such as tcp://node:8786, in place of local processes.
+    resume
+        Go on with the experiment that OUT holds.
+    json_
+        Print one JSON object instead of text.
+    debug
+        Show the traceback of an error.
+    """
+    from lithoform.atomic import atomic_write
+    from lithoform.compaction.experiment import MEASURES, Experiment, compare_sources, run_experiment
+    from lithoform.experiment_report import experiment_files, summary
+    from lithoform.warp_runtime import resolve_device
+
+    began = time.perf_counter()
+    given = {"count": count, "gyrations": gyrations, "rate_factor": rate_factor, "stiffness_factor": stiffness_factor}
+    changes = {name: value for name, value in given.items() if value is not None}
+    plan = Experiment(scanned=scanned, generated=generated, cases=cases, generated_runs=generated_runs, scale=scale,
+                      seed=seed, changes=changes)  # fmt: skip
+    resolve_device(device)
+
+    def told(line: str) -> None:
+        if not json_:
+            say(line)
+
+    try:
+        rows = run_experiment(plan, out, device=device, workers=workers, scheduler=scheduler, resume=resume,
+                              progress=True, told=told)  # fmt: skip
+    except KeyboardInterrupt:
+        print(f"lithoform: interrupted; the same command with --resume goes on with {out}.", file=sys.stderr)
+        return 130
+    files = experiment_files(plan, rows)
+    for name, content in files.items():
+        atomic_write(out / name, content)
+    found = compare_sources(rows) if cases > 1 else []
+    if json_:
+        verdicts = [{**asdict(row), "verdict": row.verdict} for row in found]
+        say(json.dumps({"out": str(out), "files": list(files), "runs": summary(rows), "verdicts": verdicts}, indent=2))
+        return 0
+    for row in found:
+        say(f"{MEASURES[row.name]:<36} scanned {sum(row.scanned) / len(row.scanned):.4f}, generated less scanned "
+            f"{row.difference:+.4f} ({row.interval[0]:+.4f} to {row.interval[1]:+.4f}), margin {row.margin:g}: "
+            f"{row.verdict}")  # fmt: skip
+    say(f"\n{out}: {', '.join(files)}; {time.perf_counter() - began:.1f} s")
+    return 0

@@ -1,0 +1,308 @@
+"""The paper's experiment: specimens of scanned and of generated stones, compacted alike, and compared."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from lithoform.atomic import atomic_write, make_folder
+from lithoform.compaction.request import Request
+from lithoform.compaction.run import NUMBERS_FILE, run_compaction
+from lithoform.database.engine import require_workers, spread
+from lithoform.errors import OutputError, RecipeError
+from lithoform.locking import folder_lock
+from lithoform.progress import track
+from lithoform.sidecar import program_version
+from lithoform.statistics.anova import equivalence
+
+__all__ = [
+    "MARGINS", "MEASURES", "SCALES", "Comparison", "Experiment", "Run", "compare_sources", "measures_of",
+    "run_experiment",
+]  # fmt: skip
+
+PLAN_FILE: Final = "experiment.json"
+RUNS_FOLDER: Final = "runs"
+
+SCALES: Final[dict[str, dict[str, Any]]] = {
+    "small": {"count": 60, "min_size": 9.5e-3, "mould": None, "gyrations": 5, "rate_factor": 40.0},
+    "medium": {"count": 300, "min_size": 4.75e-3, "mould": None, "gyrations": 33, "rate_factor": 40.0},
+    "paper": {"count": None, "min_size": 2.36e-3, "mould": 0.150, "gyrations": 100, "rate_factor": 20.0},
+}
+"""Settings of a specimen; all at E/10."""
+
+MEASURES: Final = {
+    "loose_density": "packing density before gyration",
+    "compacted_density": "packing density after gyration",
+    "A": "height at the first gyration over that of the solids",
+    "B": "exponent of the height",
+}
+"""What is compared. A is divided by the height that the stones would have without voids: masses do not matter."""
+
+MARGINS: Final = {"loose_density": 0.01, "compacted_density": 0.01, "A": 0.05, "B": 0.003}
+"""Differences that would not matter: a point of packing density, as the paper takes it; some 2 % of A; 10 % of B."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Experiment:
+    """An experiment.
+
+    Attributes
+    ----------
+    scanned, generated : Path
+        Databases.
+    cases, generated_runs : int
+        In each case one specimen of scanned stones, and so many of generated ones.
+    scale : str
+        One of `SCALES`.
+    seed : int
+    changes : dict
+        Settings of `lithoform.compaction.request.Request` in place of those of the scale.
+    """
+
+    scanned: Path
+    generated: Path
+    cases: int = 6
+    generated_runs: int = 3
+    scale: str = "medium"
+    seed: int = 0
+    changes: dict[str, Any] | None = None
+
+    def __post_init__(self) -> None:
+        if self.scale not in SCALES:
+            raise RecipeError(f"expected --scale of {', '.join(SCALES)}; got {self.scale!r}.")
+        for name, value, most in (("cases", self.cases, 100), ("generated-runs", self.generated_runs, 100)):
+            if not (isinstance(value, int) and 1 <= value <= most):
+                raise RecipeError(f"expected --{name} from 1 to {most}; got {value!r}.")
+        self.plan()
+
+    def plan(self) -> list[Run]:
+        """All runs, each with a seed of its own."""
+        return [
+            Run(case, sample, self._request(case, sample))
+            for case in range(1, self.cases + 1)
+            for sample in range(self.generated_runs + 1)
+        ]
+
+    def _request(self, case: int, sample: int) -> Request:
+        asked = {"vtk": False, "stiffness_factor": 0.1, **SCALES[self.scale], **(self.changes or {})}
+        source = self.generated if sample else self.scanned
+        return Request(population=source, seed=self.seed + 1000 * case + sample, **asked)
+
+    def settings(self) -> dict[str, Any]:
+        """Plain values, with the version of the program."""
+        return {"lithoform": program_version(), "scanned": str(self.scanned), "generated": str(self.generated),
+                "cases": self.cases, "generated_runs": self.generated_runs, "scale": self.scale, "seed": self.seed,
+                "changes": self.changes or {}}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run of an experiment.
+
+    Attributes
+    ----------
+    case : int
+        From 1.
+    sample : int
+        0 for the specimen of scanned stones, from 1 for those of generated ones.
+    request : Request
+    """
+
+    case: int
+    sample: int
+    request: Request
+
+    @property
+    def name(self) -> str:
+        """Of its folder."""
+        return f"case{self.case}_{f'generated{self.sample}' if self.sample else 'scanned'}"
+
+
+def run_experiment(
+    experiment: Experiment,
+    out: Path,
+    *,
+    device: str = "auto",
+    workers: int | None = None,
+    scheduler: str | None = None,
+    resume: bool = False,
+    progress: bool = False,
+    told: Callable[[str], object] = lambda _: None,
+) -> list[dict[str, Any]]:
+    """Carry out an experiment: each run in a folder of its own, whole or to be gone on with.
+
+    Parameters
+    ----------
+    experiment : Experiment
+    out : Path
+        Folder.
+    device : str
+        As `lithoform.dem.simulate`.
+    workers, scheduler
+        As `lithoform.database.engine.spread`; a worker makes a run on one thread.
+    resume : bool
+        Go on with the experiment that the folder holds.
+    progress : bool
+        Whether to show a bar.
+    told : callable
+        Is told of each run that is done.
+
+    Returns
+    -------
+    list of dict
+        Results of the runs in the order of the plan, each with case, sample and name.
+
+    Raises
+    ------
+    OutputError
+        If the folder holds something else, or an experiment of other settings.
+    LithoformError
+        As `lithoform.compaction.run.run_compaction`, with the name of the run; those that were done are kept.
+    """
+    require_workers(workers, scheduler)
+    plan, settings = experiment.plan(), experiment.settings()
+    make_folder(out)
+    with folder_lock(out):
+        _begin(out, settings, resume=resume)
+        jobs = [{"request": run.request, "out": str(out / RUNS_FOLDER / run.name), "device": device} for run in plan]
+        open_jobs = [job for job in jobs if _results_of(job["out"]) is None]
+        if len(open_jobs) < len(jobs):
+            told(f"{len(jobs) - len(open_jobs)} of {len(jobs)} runs are there.")
+        done = spread(_work, iter(open_jobs), workers=workers, scheduler=scheduler)
+        for name, seconds in track(done, total=len(open_jobs), what="runs", enabled=progress):
+            told(f"{name}: {seconds:.0f} s")
+        return [{"case": run.case, "sample": run.sample, "name": run.name, **_required(job["out"])}
+                for run, job in zip(plan, jobs, strict=True)]  # fmt: skip
+
+
+def _begin(out: Path, settings: dict[str, Any], *, resume: bool) -> None:
+    path = out / PLAN_FILE
+    if path.exists():
+        try:
+            former = json.loads(path.read_bytes())["settings"]
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise OutputError(f"{path} is damaged: name another folder.") from error
+        differing = sorted(key for key in {*former, *settings} if former.get(key) != settings.get(key))
+        if differing:
+            raise OutputError(f"{out} holds an experiment with other settings ({', '.join(differing)}): go on with the "
+                              "same command, or name another folder.")  # fmt: skip
+        if not resume:
+            raise OutputError(f"{out} holds this experiment already: --resume goes on, or name another folder.")
+    elif any(path.name != ".lithoform.lock" for path in out.iterdir()):
+        raise OutputError(f"the folder {out} is not empty: name another.")
+    else:
+        atomic_write(path, json.dumps({"settings": settings}, indent=2).encode())
+    make_folder(out / RUNS_FOLDER)
+
+
+def _work(job: dict[str, Any]) -> tuple[str, float]:
+    """A run, in a worker."""
+    out = Path(job["out"])
+    resume = (out / NUMBERS_FILE).exists()
+    results = run_compaction(job["request"], out, device=job["device"], threads=1, resume=resume)
+    return out.name, results["seconds"]
+
+
+def _results_of(out: str) -> dict[str, Any] | None:
+    try:
+        told = json.loads((Path(out) / NUMBERS_FILE).read_bytes())
+    except (OSError, ValueError):
+        return None
+    return told["results"] if told.get("finished") else None
+
+
+def _required(out: str) -> dict[str, Any]:
+    results = _results_of(out)
+    if results is None:
+        raise OutputError(f"the run in {out} is not finished: give the same command with --resume.")
+    return results
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A measure of scanned and of generated specimens.
+
+    Attributes
+    ----------
+    name : str
+        One of `MEASURES`.
+    scanned, generated : tuple of float
+    difference : float
+        Mean of the generated less that of the scanned.
+    interval : (float, float)
+        Confidence interval of 90 % of the difference: equivalence at the level 0.05 is that it lies within the margin.
+    margin : float
+    spread : float
+        Standard deviation of generated specimens of one case: from seed to seed.
+    """
+
+    name: str
+    scanned: tuple[float, ...]
+    generated: tuple[float, ...]
+    difference: float
+    interval: tuple[float, float]
+    margin: float
+    spread: float
+
+    @property
+    def verdict(self) -> str:
+        """Whether the sources are equivalent within the margin, different, or it cannot be told."""
+        low, high = self.interval
+        if -self.margin < low and high < self.margin:
+            return "equivalent"
+        if low > 0.0 or high < 0.0:
+            return "different"
+        return "open"
+
+
+def measures_of(results: dict[str, Any]) -> dict[str, float]:
+    """The compared numbers of a run."""
+    loose, end, fit = results["loose"], results["compacted"], results["fit"]
+    solid = loose["packing_density"] * loose["height"]
+    return {
+        "loose_density": loose["packing_density"],
+        "compacted_density": end["packing_density"],
+        "A": fit["A"] / solid if fit else math.nan,
+        "B": fit["B"] if fit else math.nan,
+    }
+
+
+def compare_sources(rows: list[dict[str, Any]]) -> list[Comparison]:
+    """Compare the sources of an experiment, measure by measure.
+
+    Parameters
+    ----------
+    rows : list of dict
+        As `run_experiment` gives them.
+    """
+    return [_compared(name, rows) for name in MEASURES]
+
+
+def _compared(name: str, rows: list[dict[str, Any]]) -> Comparison:
+    found = {(row["case"], row["sample"]): measures_of(row)[name] for row in rows}
+    # Runs too short for a fit have no A and B.
+    values = {key: value for key, value in found.items() if math.isfinite(value)}
+    scanned = np.array([value for (_, sample), value in values.items() if sample == 0])
+    generated = np.array([value for (_, sample), value in values.items() if sample > 0])
+    groups = [[value for (c, sample), value in values.items() if c == case and sample] for case in _cases(values)]
+    free = sum(len(group) - 1 for group in groups)
+    within = sum(float(np.var(group) * len(group)) for group in groups)
+    difference = float(generated.mean() - scanned.mean()) if len(scanned) and len(generated) else math.nan
+    interval = (-math.inf, math.inf)
+    if len(scanned) > 1 and len(generated) > 1 and float(np.ptp(scanned)) == float(np.ptp(generated)) == 0.0:
+        interval = (difference, difference)
+    elif len(scanned) > 1 and len(generated) > 1:
+        test = equivalence(generated, scanned, margin=MARGINS[name])
+        interval = test.interval
+    return Comparison(name, tuple(scanned.tolist()), tuple(generated.tolist()), difference, interval, MARGINS[name],
+                      math.sqrt(within / free) if free else math.nan)  # fmt: skip
+
+
+def _cases(values: dict[tuple[int, int], float]) -> Iterator[int]:
+    yield from sorted({case for case, _ in values})
