@@ -437,12 +437,12 @@ def test_the_time_step_is_that_of_rayleigh_or_the_one_that_is_given():
 )
 def test_errors_of_the_simulation_name_the_files_and_the_options(said, told):
     with pytest.raises(SimulationError, match=told) as raised, naming_stones("a.stl b.stl c.stl".split().__getitem__,
-                                                                             1e-6, 0.01):  # fmt: skip
+                                                                             0.01, 1e-6):  # fmt: skip
         raise SimulationError(said, time=2.0, bodies=(0, 2))
     assert (raised.value.time, raised.value.bodies) == (2.0, (0, 2))
     assert "give a --dt below 1e-06, or a --stiffness-factor above 0.01, or leave such" in str(raised.value)
     assert "take a" not in str(raised.value)
-    with pytest.raises(SimulationError) as raised, naming_stones(str, 1e-6, 1.0):
+    with pytest.raises(SimulationError) as raised, naming_stones(str, 1.0, 1e-6):
         raise SimulationError(said)
     assert "--stiffness-factor" not in str(raised.value)
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lithoform.cli.arguments import Flag, Json, Whole
-from lithoform.cli.output import say
+from lithoform.cli.output import plain_warnings, say
 from lithoform.errors import LithoformError, RecipeError
 
 if TYPE_CHECKING:
@@ -144,10 +144,12 @@ def compact(
             say(line)
 
     try:
-        results = run_compaction(request, out, device=device, threads=threads, overwrite=overwrite, resume=resume,
-                                 progress=True, told=told, draw=_draw if _can_draw() else None)  # fmt: skip
+        with plain_warnings():
+            results = run_compaction(request, out, device=device, threads=threads, overwrite=overwrite, resume=resume,
+                                     progress=True, told=told, draw=_draw if _can_draw() else None)  # fmt: skip
     except KeyboardInterrupt:
-        print(f"lithoform: interrupted; the same command with --resume goes on with {out}.", file=sys.stderr)
+        option = "--resume in place of --overwrite" if overwrite else "--resume"
+        print(f"lithoform: interrupted; the same command with {option} goes on with {out}.", file=sys.stderr)
         return 130
     if json_:
         say(json.dumps({"out": str(out), "told": lines, **results}, indent=2))

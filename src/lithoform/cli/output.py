@@ -6,12 +6,13 @@ import contextlib
 import io
 import os
 import sys
+import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from lithoform.errors import OutputError
 
-__all__ = ["drop_output", "one_line", "open_output", "opened", "say", "say_table"]
+__all__ = ["drop_output", "one_line", "open_output", "opened", "plain_warnings", "say", "say_table"]
 
 
 def open_output() -> None:
@@ -31,6 +32,18 @@ def say(text: str, *, end: str = "\n") -> None:
     except OSError as error:
         drop_output()
         raise OutputError(f"standard output cannot be written: {error.strerror or error}.") from None
+
+
+@contextlib.contextmanager
+def plain_warnings() -> Iterator[None]:
+    """Warnings of a simulation as one line each, without the place in the program."""
+    with warnings.catch_warnings():
+
+        def show(message: Warning | str, *_: object, **__: object) -> None:
+            print(f"lithoform: warning: {message}", file=sys.stderr)
+
+        warnings.showwarning = show
+        yield
 
 
 def drop_output() -> None:

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import sys
 import time
-import warnings
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
 from lithoform.cli.arguments import Flag, Json, Whole
-from lithoform.cli.output import say
+from lithoform.cli.output import plain_warnings, say
 from lithoform.errors import LithoformError
 
 if TYPE_CHECKING:
@@ -121,7 +118,7 @@ def pack(
             say(line)
 
     try:
-        with _plain_warnings():
+        with plain_warnings():
             results = run(request, out, device=device, threads=threads, overwrite=overwrite, resume=resume,
                           progress=True, told=told, draw_picture=_picture if draws else None)  # fmt: skip
     except KeyboardInterrupt:
@@ -135,18 +132,6 @@ def pack(
     say(f"\n{out}: packing.json, blocks.csv, table.parquet{', packing.png' if draws else ''}"
         f"{', vtk, vtk_meshes' if vtk else ''}; {time.perf_counter() - began:.1f} s")  # fmt: skip
     return 0
-
-
-@contextlib.contextmanager
-def _plain_warnings() -> Iterator[None]:
-    """Warnings of the simulation as one line, without the place in the program."""
-    with warnings.catch_warnings():
-
-        def show(message: Warning | str, *_: object, **__: object) -> None:
-            print(f"lithoform: warning: {message}", file=sys.stderr)
-
-        warnings.showwarning = show
-        yield
 
 
 def _can_draw() -> bool:

@@ -22,6 +22,7 @@ from lithoform.dem import Model, State, VtkSeries, scales, write_table
 from lithoform.errors import OutputError, SceneError
 from lithoform.gradation.curves import find_gradation
 from lithoform.locking import folder_lock
+from lithoform.packing.failing import naming_stones
 from lithoform.packing.results import blocks_csv, deepest_overlap
 from lithoform.progress import counted
 from lithoform.result_folder import ResultFolder
@@ -43,6 +44,8 @@ FOLDER: Final = ResultFolder(
     series=(VTK_FOLDER,),
 )  # fmt: skip
 
+# Wall-clock time after which the time that was spent is written down [s].
+_NOTED: Final = 20.0
 # Mean overlap over radius that is allowed: at ten times as much a contact is a fault.
 _SOFTEST: Final = 0.006
 
@@ -135,8 +138,11 @@ def run_compaction(
             told(line)
         if former is None or not resume:
             FOLDER.clear(out, settings)
+            former = None
         FOLDER.remove_unfinished(out)
-        return _make(machine, request, out, settings, device, threads, progress, told, draw)
+        names, which = specimen.names, specimen.model.shape
+        with naming_stones(lambda k: names[which[k]], request.stiffness_factor):
+            return _make(machine, request, out, settings, _spent(former), device, threads, progress, told, draw)
 
 
 def _require_stiffness(machine: Machine, factor: float) -> None:
@@ -178,11 +184,11 @@ def introduction(machine: Machine, request: Request, *, threads: int | None = No
 
 
 def _make(
-    machine: Machine, request: Request, out: Path, settings: dict[str, Any], device: str, threads: int | None,
-    progress: bool, told: Callable[[str], object], draw: Callable[[Drawing], dict[str, bytes]] | None,
+    machine: Machine, request: Request, out: Path, settings: dict[str, Any], before: float, device: str,
+    threads: int | None, progress: bool, told: Callable[[str], object],
+    draw: Callable[[Drawing], dict[str, bytes]] | None,
 ) -> dict[str, Any]:  # fmt: skip
-    began = time.perf_counter()
-    before = _spent(out)
+    began = noted = time.perf_counter()
     states: dict[str, tuple[Model, State]] = {}
     series = VtkSeries(out / VTK_FOLDER, machine.specimen.model, surface="hull") if request.vtk else None
     gyrating = machine.protocol.gyrations * LOOKS * machine.every
@@ -191,7 +197,10 @@ def _make(
         made = 0
 
         def on_look(stage: str, model: Model, state: State, row: Look) -> None:
-            nonlocal made
+            nonlocal made, noted
+            if time.perf_counter() - noted > _NOTED:
+                noted = time.perf_counter()
+                FOLDER.write(out, settings, {"seconds": before + noted - began}, finished=False)
             if stage == "gyration":
                 now = round(row["gyration"] * LOOKS) * machine.every
                 advance(now - made)
@@ -211,10 +220,10 @@ def _make(
     return results
 
 
-def _spent(out: Path) -> float:
-    """Wall-clock time between the first and the last file of a run that was stopped [s]."""
-    times = [path.stat().st_mtime for path in out.iterdir() if path.suffix in (".json", ".jsonl")]
-    return max(times) - min(times) if times else 0.0
+def _spent(former: dict[str, Any] | None) -> float:
+    """Wall-clock time that a run that was stopped has taken [s]."""
+    seconds = (former or {}).get("seconds", 0.0)
+    return float(seconds) if isinstance(seconds, (int, float)) and seconds >= 0.0 else 0.0
 
 
 def _results(done: Compaction) -> dict[str, Any]:

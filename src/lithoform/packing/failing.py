@@ -15,17 +15,17 @@ _BLOCKS: Final = re.compile(r"\b(b|B)locks? (\d+)(?: and (\d+))?")
 
 
 @contextmanager
-def naming_stones(names: Callable[[int], str], dt: float, factor: float) -> Iterator[None]:
-    """Tell errors of the simulation as errors of the packing.
+def naming_stones(names: Callable[[int], str], factor: float, dt: float | None = None) -> Iterator[None]:
+    """Tell errors of the simulation as errors of a packing, or a specimen.
 
     Parameters
     ----------
     names : callable
         File, or particle, of the stone with an index.
-    dt : float
-        Time step [s].
     factor : float
         On Young's modulus of Table 10.
+    dt : float, optional
+        Time step [s], where another one may be given.
 
     Raises
     ------
@@ -38,11 +38,12 @@ def naming_stones(names: Callable[[int], str], dt: float, factor: float) -> Iter
         told = str(error).rstrip(".")
         # What follows the last colon is the way out of those who set up the simulation.
         what = _BLOCKS.sub(lambda found: _named(found, names), told.rpartition(": ")[0] or told)
-        ways = [f"a --dt below {dt:.2g}"]
+        ways = [] if dt is None else [f"a --dt below {dt:.2g}"]
         if factor < 1.0:
             ways.append(f"a --stiffness-factor above {factor:g}")
         raise SimulationError(
-            f"{what} (stones are numbered as in blocks.csv): give {', or '.join(ways)}, or leave such stones out.",
+            f"{what} (stones are numbered as in blocks.csv): {'give ' if ways else ''}"
+            f"{', or '.join([*ways, 'leave such stones out'])}.",
             time=error.time,
             bodies=error.bodies,
         ) from error

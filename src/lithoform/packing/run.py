@@ -193,7 +193,7 @@ def pack(
         given = time_step(model, request.dt)
         plan = schedule(model, start, given, request.until)
         names = [stone.name for stone in used]
-        with naming_stones(lambda k: names[which[k]], given, factor):
+        with naming_stones(lambda k: names[which[k]], factor, given):
             if former is None or not resume:
                 # Tried first: a step that fails costs no former packing.
                 simulate(model, start, until=given, dt=given, device=device, threads=threads)
