@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import signal
 from dataclasses import replace
 
@@ -136,6 +137,13 @@ class TestScales:
         radius = 0.00375
         weight = 2650 * 4 / 3 * np.pi * radius**3 * 9.81
         assert found.pull_off_to_weight == pytest.approx(3 * np.pi * 0.155 * radius / 2 / weight)
+
+    def test_a_run_for_a_person_tells_its_scales(self, capsys):
+        model, state = falling(20)
+        dem.simulate(model, state, until=1e-5, progress=True)
+        assert re.match(r"20 blocks: step .* s \(Rayleigh time .*; \d+ steps, about \d+ s\.\n", capsys.readouterr().err)
+        dem.simulate(model, state, until=1e-5)
+        assert capsys.readouterr().err == ""
 
     def test_the_cost_is_that_of_this_machine(self):
         model = dem.Model(shapes=(dem.Shape.sphere(0.005),), materials=(dem.TABLE_10,), shape=np.zeros(100, int))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import signal
+import sys
 import threading
 import time as clock
 from collections.abc import Callable, Iterator, Mapping
@@ -17,7 +18,7 @@ from lithoform.dem.energy import EnergyMonitor, energy
 from lithoform.dem.engine import Engine
 from lithoform.dem.faults import fault_of, refuse_in_walls, refuse_overlaps
 from lithoform.dem.model import Model
-from lithoform.dem.scales import LARGEST_STEP, STEP, rayleigh_time
+from lithoform.dem.scales import LARGEST_STEP, STEP, rayleigh_time, scales
 from lithoform.dem.state import State
 from lithoform.errors import SceneError
 from lithoform.progress import counted
@@ -111,7 +112,7 @@ def simulate(
     threads : int, optional
         On a processor; by default all. The result does not depend on it.
     progress : bool
-        Whether to show a bar with the time left.
+        Whether to tell the time scales and the cost (`lithoform.dem.scales`) and to show a bar with the time left.
 
     Returns
     -------
@@ -137,6 +138,9 @@ def simulate(
         refuse_in_walls(model, state)
     end = state.step + max(0, math.ceil((until - state.time) / dt - 1e-6))
     every = 0 if report is None else max(1, round(report / dt))
+    if progress and end > state.step:
+        found = scales(model, dt=dt, duration=(end - state.step) * dt, threads=threads)
+        sys.stderr.write(f"{model.count} blocks: {found.text()}.\n")
     rows, monitor = _Rows(), EnergyMonitor()
     begin = clock.perf_counter()
     saved = begin
