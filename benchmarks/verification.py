@@ -315,12 +315,13 @@ def pressed(seed: int, *, step: float = 0.06, stiffness: float = 1e-3, rate: flo
     state = dem.simulate(model, state, until=0.2, dt=dt, threads=1).state
     area = math.pi * width**2
     top = float((state.position[:, 2] + bound).max())
-    platen = dem.Plane(point=(0, 0, top), normal=(0, 0, -1), motion=dem.Servo(
-        force=6e3 * area, mass=float(model.mass.sum()) / 2.0, time=2e-3, max_speed=0.25 * rate))  # fmt: skip
-    model = model.with_walls(floor, mould, platen)
-    state = dem.simulate(
-        model, state.with_walls_of(model), until=state.time + 0.03 + 0.03 / rate, dt=dt, threads=1
-    ).state
+    mass, fastest = float(model.mass.sum()) / 2.0, 0.25 * rate
+    # First lightly, so that the stone that is met first does not carry all.
+    light, full = (dem.Servo(force=load * area, mass=mass, time=2e-3, max_speed=fastest) for load in (300.0, 6e3))
+    model = model.with_walls(floor, mould, dem.Plane(point=(0, 0, top), normal=(0, 0, -1), motion=light))
+    state = dem.simulate(model, state.with_walls_of(model), until=state.time + 0.03 / rate, dt=dt, threads=1).state
+    model = model.with_motion(2, full)
+    state = dem.simulate(model, state, until=state.time + 0.03 + 0.02 / rate, dt=dt, threads=1).state
     return volume / (area * float(state.wall_point[2, 2]))
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -23,12 +23,14 @@ from lithoform.packing.settling import schedule
 
 __all__ = ["LOOKS", "STAGES", "Compaction", "Machine", "compact"]
 
-STAGES: Final = ("deposition", "pressing", "tilting", "gyration")
+STAGES: Final = ("deposition", "seating", "pressing", "tilting", "gyration")
 """Names of the stages, in their order."""
 
 LOOKS: Final = 32
 """Looks in a gyration."""
 
+# The platen first comes down with this share of its force, so that the stone that it meets first does not carry all.
+_SEATING: Final = 0.05
 # The mould is tilted in this share of a gyration.
 _RAMP: Final = 0.25
 # The bed carries the pressure when so many looks in turn are within this share of it, and it got lower by less than
@@ -207,7 +209,11 @@ def compact(
     on_stage("deposition", specimen.model, state)
 
     model, state = _under_platen(machine, state)
-    state = _press(machine, model, state, records["pressing"], progress, common, how)
+    state = _press(machine, model, state, _SEATING, records["seating"], progress, common, how)
+    on_stage("seating", model, state)
+    model = model.with_motion(PLATEN, _coming_down(machine, 1.0))
+    state = _press(machine, model, state, 1.0, records["pressing"], progress, common, how)
+    progress.note(_pressed(machine, records["pressing"].rows))
     on_stage("pressing", model, state)
     pressed = records["pressing"].rows[-1]
 
@@ -239,45 +245,53 @@ def _loose(machine: Machine) -> State:
 
 
 def _under_platen(machine: Machine, state: State) -> tuple[Model, State]:
-    """The upper platen just above the highest stone, coming down."""
+    """The upper platen just above the highest stone, coming down lightly."""
     model = machine.specimen.model
     top = float(extents(model, state, np.array([0.0, 0.0, 1.0]))[:, 1].max())
-    motion = Servo(force=machine.force, mass=machine.servo.mass, time=_PLATEN_TIME, max_speed=machine.approach)
-    platen = Plane(point=(0.0, 0.0, top + 1e-3 * machine.specimen.diameter), normal=(0.0, 0.0, -1.0), motion=motion)
+    platen = Plane(point=(0.0, 0.0, top + 1e-3 * machine.specimen.diameter), normal=(0.0, 0.0, -1.0),
+                   motion=_coming_down(machine, _SEATING))  # fmt: skip
     model = model.with_walls(model.walls[FLOOR], model.walls[MOULD], platen)
     return model, state.with_walls_of(model)
 
 
+def _coming_down(machine: Machine, share: float) -> Servo:
+    """The platen with a share of its force, slow enough for its way down."""
+    return replace(machine.servo, force=share * machine.force, max_speed=machine.approach)
+
+
 def _press(
-    machine: Machine, model: Model, state: State, record: Record, progress: _Progress, common: dict[str, Any],
-    how: Mapping[str, Any],
+    machine: Machine, model: Model, state: State, share: float, record: Record, progress: _Progress,
+    common: dict[str, Any], how: Mapping[str, Any],
 ) -> State:  # fmt: skip
-    top = float(model.walls[PLATEN].point[2])
-    every = max(1, round(max(_PRESS_LOOK, top / machine.approach / _PRESS_LOOKS) / machine.dt))
-    longest = math.ceil((top / machine.approach + _PRESS_MORE) / (every * machine.dt)) * every
-    pressure = machine.protocol.pressure
-
-    def carries(rows: list[Look]) -> bool:
-        last = rows[-_CARRIES:]
-        held = all(abs(row["pressure"] / pressure - 1.0) < _HELD for row in last)
-        return len(last) == _CARRIES and held and last[0]["height"] - last[-1]["height"] < _CREEP * last[-1]["height"]
-
-    state = stage(
+    """Press with a share of the pressure until the bed carries it, or the loose height is reached."""
+    height = float(state.wall_point[PLATEN, 2])
+    every = max(1, round(max(_PRESS_LOOK, height / machine.approach / _PRESS_LOOKS) / machine.dt))
+    longest = math.ceil((height / machine.approach + _PRESS_MORE) / (every * machine.dt)) * every
+    pressure = share * machine.protocol.pressure
+    return stage(
         model, state, record, every=every, longest=longest, gyrations=lambda _: 0.0,
-        done=lambda rows: rows[-1]["height"] <= machine.loose_height or carries(rows),
-        on_look=progress.of("pressing"), how=how, **common,
+        done=lambda rows: rows[-1]["height"] <= machine.loose_height or _carries(rows, pressure),
+        on_look=progress.of(record.path.name), how=how, **common,
     )  # fmt: skip
-    last = record.rows[-1]
+
+
+def _carries(rows: list[Look], pressure: float) -> bool:
+    """Whether the bed carries a pressure [Pa]: in the last looks the platen had it, and hardly moved."""
+    last = rows[-_CARRIES:]
+    held = all(abs(row["pressure"] / pressure - 1.0) < _HELD for row in last)
+    return len(last) == _CARRIES and held and last[0]["height"] - last[-1]["height"] < _CREEP * last[-1]["height"]
+
+
+def _pressed(machine: Machine, rows: list[Look]) -> str:
+    """How pressing ended."""
+    last, pressure = rows[-1], machine.protocol.pressure
     if last["height"] <= machine.loose_height:
         why = f"the height of {1e3 * machine.loose_height:.2f} mm was reached"
-    elif carries(record.rows):
+    elif _carries(rows, pressure):
         why = f"the bed carries {pressure / 1e3:g} kPa"
     else:
-        why = f"the platen was given {longest * machine.dt:.2g} s, and the bed still creeps"
-    progress.note(
-        f"Pressing ended at {1e3 * last['height']:.2f} mm, packing density {last['packing_density']:.4f}: {why}."
-    )
-    return state
+        why = "its time was over, and the bed still creeps"
+    return f"Pressing ended at {1e3 * last['height']:.2f} mm, packing density {last['packing_density']:.4f}: {why}."
 
 
 def _finished(
