@@ -17,6 +17,7 @@ import tempfile
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +36,7 @@ from peers import programs
 
 from lithoform import database_recipe, dem, generate
 from lithoform.dem.jkr import NormalContact
+from lithoform.parallel import in_order
 from lithoform.presets import SHAPE_CLASSES
 
 
@@ -279,10 +281,11 @@ def _packings(options: Options, restitution: float, until: float) -> Iterator[Ro
                       None if mine else abs(apart) < limit)  # fmt: skip
 
 
-def pressed(seed: int, *, step: float = 0.06, stiffness: float = 1e-3, rate: float = 1.0, count: int = 100) -> float:
+def pressed(seed: int, *, step: float = 0.06, stiffness: float = 2e-3, rate: float = 1.0, count: int = 100) -> float:
     """Packing density of stones that fell into a cylinder, under a platen of 6 kPa.
 
-    With E / 1000 their stiffness number is 460: that of E / 10 under 600 kPa.
+    With E / 500 their stiffness number is 730: that of E / 5 under 600 kPa.  At E / 1000 a chain of small stones may be
+    pressed deeper than the engine allows.
     """
     meshes = [
         generate(database_recipe(name, seed=k).replace(triangles=2000)).mesh for k in range(2) for name in SHAPE_CLASSES
@@ -326,12 +329,14 @@ def pressed(seed: int, *, step: float = 0.06, stiffness: float = 1e-3, rate: flo
 
 
 def steps(options: Options) -> Iterator[Row]:
-    variants = {"half the step": {"step": 0.03}, "half the rate": {"rate": 0.5}, "3 E": {"stiffness": 3e-3}}
-    base = np.array([pressed(seed) for seed in range(options.seeds)])
-    yield Row(f"100 stones under 6 kPa at E/1000, {options.seeds} seeds", "-",
+    variants = {"half the step": {"step": 0.03}, "half the rate": {"rate": 0.5}, "3 E": {"stiffness": 6e-3}}
+    # Packings of 100 stones scatter by more than a point: many starts, two at a time.
+    seeds = range(4 * options.seeds)
+    base = np.array(list(in_order(pressed, seeds)))
+    yield Row(f"100 stones under 6 kPa at E/500, {len(seeds)} seeds", "-",
               f"{base.mean():.4f} +- {base.std(ddof=1) / math.sqrt(len(base)):.4f}", None)  # fmt: skip
     for name, changed in variants.items():
-        apart = np.array([pressed(seed, **changed) for seed in range(options.seeds)]) - base
+        apart = np.array(list(in_order(partial(pressed, **changed), seeds))) - base
         yield Row(f"  {name}", "0.3 point",
                   f"{100 * apart.mean():+.2f} +- {100 * apart.std(ddof=1) / math.sqrt(len(apart)):.2f} points",
                   abs(apart.mean()) < 0.003)  # fmt: skip
