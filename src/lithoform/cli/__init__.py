@@ -20,6 +20,7 @@ from lithoform.cli.database import database
 from lithoform.cli.designing import design
 from lithoform.cli.experimenting import experiment
 from lithoform.cli.exploring import explore
+from lithoform.cli.exporting import export
 from lithoform.cli.generating import generate
 from lithoform.cli.laboratory import laboratory
 from lithoform.cli.matching import match
@@ -42,8 +43,8 @@ app = App(
     suppress_keyboard_interrupt=False,  # `main` tells it
 )
 for _command in (
-    generate, check, measure, laboratory, pack, compact, experiment, picture, database, compare, match, sensitivity,
-    design, explore, reproduce,
+    generate, check, measure, laboratory, pack, compact, experiment, export, picture, database, compare, match,
+    sensitivity, design, explore, reproduce,
 ):  # fmt: skip
     app.command(_command)
 

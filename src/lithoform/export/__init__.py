@@ -1,0 +1,3 @@
+"""Decks for other engines: LAMMPS and LIGGGHTS with clumps of spheres, YADE with convex polyhedra."""
+
+from __future__ import annotations
