@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 import os
@@ -216,6 +217,16 @@ def test_liggghts_has_the_same_bodies_and_they_settle(scene, tmp_path) -> None:
     found = shares(text)
     assert max(found) > 0.05
     assert found[-1] < 1e-2
+
+
+@needs_liggghts
+@pytest.mark.parametrize("softened", [1.0, 5e-5])
+def test_liggghts_takes_any_stiffness(scene, tmp_path, softened: float) -> None:
+    """By itself it refuses moduli above 1 GPa and below 5 MPa."""
+    stones = Scene(model=dataclasses.replace(scene.model, materials=(dem.TABLE_10.softened(softened),)),
+                   state=scene.state)  # fmt: skip
+    export_deck("liggghts", stones, tmp_path, spheres=2, threads=1)
+    run([LIGGGHTS, "-in", "in.liggghts", "-var", "steps", "10", "-var", "relax", "0"], tmp_path)
 
 
 @needs_yade
