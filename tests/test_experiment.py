@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from lithoform.cli import main
-from lithoform.compaction import experiment as module
+from lithoform.compaction import campaign as module
 from lithoform.compaction.experiment import Experiment, compare_sources, measures_of, run_experiment
 from lithoform.compaction.published import COMPACTED_DENSITY, FITS, LOOSE_DENSITY
 from lithoform.errors import OutputError, RecipeError

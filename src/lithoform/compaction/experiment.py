@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -11,13 +10,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from lithoform.atomic import atomic_write, make_folder
+from lithoform.compaction.campaign import run_campaign
 from lithoform.compaction.request import Request
-from lithoform.compaction.run import NUMBERS_FILE, run_compaction
-from lithoform.database.engine import require_workers, spread
-from lithoform.errors import OutputError, RecipeError
-from lithoform.locking import folder_lock
-from lithoform.progress import track
+from lithoform.errors import RecipeError
 from lithoform.sidecar import program_version
 from lithoform.statistics.anova import equivalence
 
@@ -25,9 +20,6 @@ __all__ = [
     "MARGINS", "MEASURES", "SCALES", "Comparison", "Experiment", "Run", "compare_sources", "measures_of",
     "run_experiment",
 ]  # fmt: skip
-
-PLAN_FILE: Final = "experiment.json"
-RUNS_FOLDER: Final = "runs"
 
 SCALES: Final[dict[str, dict[str, Any]]] = {
     "small": {"count": 60, "min_size": 9.5e-3, "mould": None, "gyrations": 5, "rate_factor": 40.0},
@@ -142,16 +134,8 @@ def run_experiment(
     experiment : Experiment
     out : Path
         Folder.
-    device : str
-        As `lithoform.dem.simulate`.
-    workers, scheduler
-        As `lithoform.database.engine.spread`; a worker makes a run on one thread.
-    resume : bool
-        Go on with the experiment that the folder holds.
-    progress : bool
-        Whether to show a bar.
-    told : callable
-        Is told of each run that is done.
+    device, workers, scheduler, resume, progress, told
+        As `lithoform.compaction.campaign.run_campaign`.
 
     Returns
     -------
@@ -160,68 +144,16 @@ def run_experiment(
 
     Raises
     ------
-    OutputError
-        If the folder holds something else, or an experiment of other settings.
-    LithoformError
-        As `lithoform.compaction.run.run_compaction`, with the name of the run; those that were done are kept.
+    OutputError, LithoformError
+        As `lithoform.compaction.campaign.run_campaign`.
     """
-    require_workers(workers, scheduler)
-    plan, settings = experiment.plan(), experiment.settings()
-    make_folder(out)
-    with folder_lock(out):
-        _begin(out, settings, resume=resume)
-        jobs = [{"request": run.request, "out": str(out / RUNS_FOLDER / run.name), "device": device} for run in plan]
-        open_jobs = [job for job in jobs if _results_of(job["out"]) is None]
-        if len(open_jobs) < len(jobs):
-            told(f"{len(jobs) - len(open_jobs)} of {len(jobs)} runs are there.")
-        done = spread(_work, iter(open_jobs), workers=workers, scheduler=scheduler)
-        for name, seconds in track(done, total=len(open_jobs), what="runs", enabled=progress):
-            told(f"{name}: {seconds:.0f} s")
-        return [{"case": run.case, "sample": run.sample, "name": run.name, **_required(job["out"])}
-                for run, job in zip(plan, jobs, strict=True)]  # fmt: skip
-
-
-def _begin(out: Path, settings: dict[str, Any], *, resume: bool) -> None:
-    path = out / PLAN_FILE
-    if path.exists():
-        try:
-            former = json.loads(path.read_bytes())["settings"]
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            raise OutputError(f"{path} is damaged: name another folder.") from error
-        differing = sorted(key for key in {*former, *settings} if former.get(key) != settings.get(key))
-        if differing:
-            raise OutputError(f"{out} holds an experiment with other settings ({', '.join(differing)}): go on with the "
-                              "same command, or name another folder.")  # fmt: skip
-        if not resume:
-            raise OutputError(f"{out} holds this experiment already: --resume goes on, or name another folder.")
-    elif any(path.name != ".lithoform.lock" for path in out.iterdir()):
-        raise OutputError(f"the folder {out} is not empty: name another.")
-    else:
-        atomic_write(path, json.dumps({"settings": settings}, indent=2).encode())
-    make_folder(out / RUNS_FOLDER)
-
-
-def _work(job: dict[str, Any]) -> tuple[str, float]:
-    """A run, in a worker."""
-    out = Path(job["out"])
-    resume = (out / NUMBERS_FILE).exists()
-    results = run_compaction(job["request"], out, device=job["device"], threads=1, resume=resume)
-    return out.name, results["seconds"]
-
-
-def _results_of(out: str) -> dict[str, Any] | None:
-    try:
-        told = json.loads((Path(out) / NUMBERS_FILE).read_bytes())
-    except (OSError, ValueError):
-        return None
-    return told["results"] if told.get("finished") else None
-
-
-def _required(out: str) -> dict[str, Any]:
-    results = _results_of(out)
-    if results is None:
-        raise OutputError(f"the run in {out} is not finished: give the same command with --resume.")
-    return results
+    plan = experiment.plan()
+    found = run_campaign(
+        [(run.name, run.request) for run in plan], experiment.settings(), out, what="experiment", device=device,
+        workers=workers, scheduler=scheduler, resume=resume, progress=progress, told=told,
+    )  # fmt: skip
+    return [{"case": run.case, "sample": run.sample, "name": run.name, **row}
+            for run, row in zip(plan, found, strict=True)]  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -17,9 +17,9 @@ from typing import Any, Final
 import numpy as np
 
 from lithoform.atomic import atomic_write, make_folder
+from lithoform.compaction.campaign import PLAN_FILE
 from lithoform.compaction.experiment import (
     MEASURES,
-    PLAN_FILE,
     Experiment,
     compare_sources,
     measures_of,
