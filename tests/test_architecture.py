@@ -229,6 +229,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     },
     "report": {"database", "errors", "statistics"},
     "experiment_report": {"compaction", "figures", "report"},
+    "study_report": {"compaction", "figures", "report"},
     "compaction_report": {"compaction", "dem", "figures", "report"},
     "comparison_report": {"atomic", "descriptors", "errors", "figures", "report", "sidecar", "statistics"},
 }

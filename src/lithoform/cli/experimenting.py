@@ -7,15 +7,16 @@ import sys
 import time
 from dataclasses import asdict
 from pathlib import Path
+from typing import Annotated
 
-from cyclopts import App
+from cyclopts import App, Parameter
 
-from lithoform.cli.arguments import Flag, Json, Whole
+from lithoform.cli.arguments import Flag, Json, Whole, words
 from lithoform.cli.output import say
 
 __all__ = ["experiment"]
 
-experiment = App(name="experiment", help="Experiments of the paper carried out anew: sgc.", help_format="markdown")
+experiment = App(name="experiment", help="Experiments with the compactor: sgc, scales.", help_format="markdown")
 
 
 @experiment.command
@@ -119,3 +120,121 @@ def sgc(
             f"{row.verdict}")  # fmt: skip
     say(f"\n{out}: {', '.join(files)}; {time.perf_counter() - began:.1f} s")
     return 0
+
+
+@experiment.command
+def scales(
+    out: Path,
+    /,
+    *,
+    population: Path,
+    rate_factors: Annotated[list[str] | None, Parameter(consume_multiple=True)] = None,
+    stiffness_factors: Annotated[list[str] | None, Parameter(consume_multiple=True)] = None,
+    seeds: Whole = 3,
+    seed: Whole = 0,
+    count: Whole = 60,
+    gyrations: Whole = 5,
+    min_size: str = "9.5mm",
+    gradation: str = "AC-13",
+    device: str = "auto",
+    workers: Whole | None = None,
+    scheduler: str | None = None,
+    resume: Flag = False,
+    json_: Json = False,
+    debug: Flag = False,
+) -> int:
+    """Measure what a faster mould and softer stones change, and which settings are safe.
+
+    The same specimens are compacted at several rates and stiffnesses; packing density and height are extrapolated to
+    30 gyrations a minute and 55 GPa over the inertial number and the overlap. OUT gets a folder a run, scales.csv,
+    scales.png and report.html.
+
+    Interrupted, the same command with --resume goes on.
+
+    **Example:** `lithoform experiment scales out --population stones`
+
+    Parameters
+    ----------
+    out
+        Folder for the results.
+    population
+        A database.
+    rate_factors
+        On 30 gyrations a minute [default: 40, 10, 20, 80]; all but the first with the first stiffness.
+    stiffness_factors
+        On 55 GPa [default: 0.1, 0.03, 0.3]; all but the first with the first rate.
+    seeds
+        Specimens, each with all settings.
+    seed
+        Of the first specimen.
+    count
+        Stones of a specimen.
+    gyrations
+        Of each run.
+    min_size
+        Least sieve size.
+    gradation
+        Name, such as AC-13, or a file.
+    device
+        auto, cpu or cuda.
+    workers
+        Local processes [default: the processors at hand]; 0: threads of this process.
+    scheduler
+        Address of a Dask scheduler, in place of local processes.
+    resume
+        Go on with the study that OUT holds.
+    json_
+        Print one JSON object instead of text.
+    debug
+        Show the traceback of an error.
+    """
+    from lithoform.atomic import atomic_write
+    from lithoform.compaction.study import MEASURES, Study, run_study
+    from lithoform.gradation.quantities import parse_length
+    from lithoform.study_report import findings, study_files
+    from lithoform.warp_runtime import resolve_device
+
+    began = time.perf_counter()
+    lists = {"rate_factors": _numbers("rate-factors", rate_factors),
+             "stiffness_factors": _numbers("stiffness-factors", stiffness_factors)}  # fmt: skip
+    study = Study(population=population, seeds=seeds, seed=seed, count=count, gyrations=gyrations,
+                  min_size=parse_length(min_size), gradation=gradation,
+                  **{name: values for name, values in lists.items() if values})  # fmt: skip
+    resolve_device(device)
+
+    def told(line: str) -> None:
+        if not json_:
+            say(line)
+
+    try:
+        rows = run_study(study, out, device=device, workers=workers, scheduler=scheduler, resume=resume,
+                         progress=True, told=told)  # fmt: skip
+    except KeyboardInterrupt:
+        print(f"lithoform: interrupted; the same command with --resume goes on with {out}.", file=sys.stderr)
+        return 130
+    files, found = study_files(study, rows), findings(study, rows)
+    for name, content in files.items():
+        atomic_write(out / name, content)
+    if json_:
+        say(json.dumps({"out": str(out), "files": list(files), "runs": rows, "measures": found}, indent=2))
+        return 0
+    for row in found:
+        say(f"{MEASURES[row['measure']]}: {row['limit']:.4f} +- {row['limit_error']:.4f} at no rate and no overlap")
+        for s in row["settings"]:
+            low, high = s["interval"]
+            say(f"  rate x {s['rate_factor']:<4g} E x {s['stiffness_factor']:<5g} {s['change']:+.4f} ({low:+.4f} to "
+                f"{high:+.4f}) against 30 a minute and 55 GPa: {s['verdict']}")  # fmt: skip
+    say(f"\n{out}: {', '.join(files)}; {time.perf_counter() - began:.1f} s")
+    return 0
+
+
+def _numbers(option: str, given: list[str] | None) -> tuple[float, ...]:
+    """Numbers separated by commas or spaces."""
+    from lithoform.errors import RecipeError
+
+    try:
+        return tuple(float(word) for word in words(given))
+    except ValueError as error:
+        raise RecipeError(
+            f"expected numbers for --{option}, such as 40,20,10; got {' '.join(given or [])!r}."
+        ) from error

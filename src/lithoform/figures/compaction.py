@@ -12,7 +12,8 @@ from lithoform.figures.packing import Heap, heap_picture, plain_axes
 from lithoform.figures.sheet import COLOURS, GREY, MARKERS, sheet
 
 __all__ = [
-    "Curve", "Densities", "cases_figure", "curve_figure", "densities_figure", "film_strip", "specimen_figure",
+    "Curve", "Densities", "Trend", "cases_figure", "curve_figure", "densities_figure", "film_strip", "specimen_figure",
+    "trends_figure",
 ]  # fmt: skip
 
 _DPI: Final = 220
@@ -203,4 +204,57 @@ def cases_figure(cases: Sequence[Sequence[Curve]]) -> np.ndarray:
                     line = np.geomspace(1.0, curve.gyrations[on].max(), 60)
                     axes.plot(line, _MILLI * a * line**b, color=COLOURS[k % len(COLOURS)], linewidth=0.6)
             axes.legend(fontsize=5.0, frameon=False)
+        return page.pixels()
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Trend:
+    """Packing densities over a number that ends at 0.
+
+    Attributes
+    ----------
+    title : str
+        Of the number.
+    values : sequence of (numpy.ndarray, numpy.ndarray)
+        Numbers and packing densities, a pair a specimen.
+    labels : sequence of str
+        Of the specimens.
+    slope : float
+        Of the lines, one through the mean of each specimen.
+    mark : float
+        Number of the real case.
+    """
+
+    title: str
+    values: Sequence[tuple[np.ndarray, np.ndarray]]
+    labels: Sequence[str]
+    slope: float
+    mark: float
+
+
+def trends_figure(trends: Sequence[Trend]) -> np.ndarray:
+    """Packing densities over numbers that end at 0, with lines as far as there.
+
+    Parameters
+    ----------
+    trends : sequence of Trend
+
+    Returns
+    -------
+    numpy.ndarray, shape (height, width, 3), uint8
+    """
+    with sheet(85.0 * len(trends), 78.0, _DPI) as page:
+        for i, trend in enumerate(trends):
+            axes = page.axes(16.0 + 85.0 * i, 5.0, 64.0, 57.0)
+            plain_axes(axes, trend.title, "packing density")
+            for k, ((x, y), label) in enumerate(zip(trend.values, trend.labels, strict=True)):
+                colour = COLOURS[k % len(COLOURS)]
+                axes.plot(x, y, MARKERS[k % len(MARKERS)], color=colour, markersize=3.5, label=label)
+                ends = np.array([0.0, float(x.max())])
+                axes.plot(ends, y.mean() + trend.slope * (ends - x.mean()), color=colour, linewidth=0.8)
+            axes.axvline(trend.mark, color=GREY, linewidth=0.8, linestyle="--", label="30 a minute, 55 GPa")
+            axes.set_xlim(left=0.0)
+            axes.ticklabel_format(axis="x", style="sci", scilimits=(-2, 2), useMathText=True)
+            axes.xaxis.get_offset_text().set_fontsize(6.5)
+            axes.legend(fontsize=6.0, frameon=False)
         return page.pixels()

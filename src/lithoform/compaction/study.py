@@ -1,0 +1,277 @@
+"""What a faster mould and softer stones change: runs over both, and their extrapolation to the slow and the rigid.
+
+Two numbers without dimension tell how far a case is from quasi-static and rigid (Roux and Combe 2002, C. R. Physique
+3:131; da Cruz et al. 2005, Phys. Rev. E 72:021309): the inertial number I and the overlap over radius 1 / kappa.  While
+both are small a packing density is linear in them,
+
+    y = c_seed + a I + b / kappa,
+
+by least squares, with a constant for each seed, since the same seed has the same stones in the same places.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from lithoform.compaction.campaign import run_campaign
+from lithoform.compaction.request import Request
+from lithoform.errors import RecipeError, SampleError
+from lithoform.sidecar import program_version
+
+__all__ = ["MARGINS", "MEASURES", "Extrapolation", "Setting", "Study", "extrapolate", "run_study"]
+
+MEASURES: Final = {
+    "loose_density": "packing density before gyration",
+    "compacted_density": "packing density after gyration",
+    "settlement": "height after gyration over that before",
+}
+"""What is extrapolated."""
+
+MARGINS: Final = {"loose_density": 0.01, "compacted_density": 0.01, "settlement": 0.01}
+"""Changes that would not matter: a point of packing density, and a hundredth of the height."""
+
+# The mould stands still until then: the rate of gyration cannot matter.
+_BEFORE_GYRATION: Final = frozenset({"loose_density"})
+# Of the mean between its bounds: two one-sided tests at 5 %.
+_CONFIDENCE: Final = 0.90
+
+
+@dataclass(frozen=True, kw_only=True)
+class Study:
+    """A study of the rate of gyration and of the stiffness.
+
+    Attributes
+    ----------
+    population : Path
+        A database.
+    rate_factors, stiffness_factors : tuple of float
+        Each with the first of the other: the first are the setting in which all else is compared.
+    seeds : int
+        Specimens, each with all settings.
+    seed : int
+        Of the first specimen.
+    count, gyrations : int
+        Stones of a specimen, and gyrations of each run.
+    min_size : float
+        Least sieve size [m].
+    gradation : str
+    """
+
+    population: Path
+    rate_factors: tuple[float, ...] = (40.0, 10.0, 20.0, 80.0)
+    stiffness_factors: tuple[float, ...] = (0.1, 0.03, 0.3)
+    seeds: int = 3
+    seed: int = 0
+    count: int = 60
+    gyrations: int = 5
+    min_size: float = 9.5e-3
+    gradation: str = "AC-13"
+
+    def __post_init__(self) -> None:
+        for name in ("rate_factors", "stiffness_factors"):
+            values = getattr(self, name)
+            if len(values) != len(set(values)) or len(values) < 2:
+                raise RecipeError(f"expected two or more different --{name.replace('_', '-')}, got "
+                                  f"{', '.join(f'{v:g}' for v in values) or 'none'}.")  # fmt: skip
+        if not (isinstance(self.seeds, int) and 2 <= self.seeds <= 100):
+            raise RecipeError(f"expected --seeds from 2 to 100: one tells nothing of the scatter; got {self.seeds!r}.")
+        self.plan()
+
+    def plan(self) -> list[tuple[str, Request]]:
+        """Names and settings of all runs; those of one seed follow one another."""
+        pairs = [(rate, self.stiffness_factors[0]) for rate in self.rate_factors]
+        pairs += [(self.rate_factors[0], stiffness) for stiffness in self.stiffness_factors[1:]]
+        return [
+            (f"seed{seed}_rate{rate:g}_stiffness{stiffness:g}", self._request(rate, stiffness, self.seed + seed))
+            for seed in range(self.seeds)
+            for rate, stiffness in pairs
+        ]
+
+    def _request(self, rate: float, stiffness: float, seed: int) -> Request:
+        # No run ends at a height: all make the same gyrations.
+        return Request(population=self.population, gradation=self.gradation, min_size=self.min_size, count=self.count,
+                       gyrations=self.gyrations, to_height=1e-4, rate_factor=rate, stiffness_factor=stiffness,
+                       seed=seed, vtk=False)  # fmt: skip
+
+    def settings(self) -> dict[str, Any]:
+        """Plain values, with the version of the program."""
+        return {"lithoform": program_version(), "population": str(self.population),
+                "rate_factors": list(self.rate_factors), "stiffness_factors": list(self.stiffness_factors),
+                "seeds": self.seeds, "seed": self.seed, "count": self.count, "gyrations": self.gyrations,
+                "min_size": self.min_size, "gradation": self.gradation}  # fmt: skip
+
+
+def run_study(study: Study, out: Path, *, told: Callable[[str], object] = lambda _: None, **how: Any) -> list[dict]:
+    """Carry out a study, or go on with it.
+
+    Parameters
+    ----------
+    study : Study
+    out : Path
+        Folder.
+    told : callable
+        Is told of each run that is done.
+    **how
+        device, workers, scheduler, resume and progress of `lithoform.compaction.campaign.run_campaign`.
+
+    Returns
+    -------
+    list of dict
+        A row a run: seed, rate_factor, stiffness_factor, inertial_number, inverse_kappa, seconds, and `MEASURES`.
+
+    Raises
+    ------
+    OutputError, LithoformError
+        As `lithoform.compaction.campaign.run_campaign`.
+    """
+    plan = study.plan()
+    found = run_campaign(plan, study.settings(), out, what="study", told=told, **how)
+    return [_row(request, results) for (_, request), results in zip(plan, found, strict=True)]
+
+
+def _row(request: Request, results: dict[str, Any]) -> dict[str, Any]:
+    loose, end, scales = results["loose"], results["compacted"], results["scales"]
+    return {
+        "seed": request.seed,
+        "rate_factor": request.rate_factor,
+        "stiffness_factor": request.stiffness_factor,
+        "inertial_number": scales["inertial_number_median"],
+        "inverse_kappa": 1.0 / scales["kappa"],
+        "loose_density": loose["packing_density"],
+        "compacted_density": end["packing_density"],
+        "settlement": end["height"] / loose["height"],
+        "seconds": results["seconds"],
+    }
+
+
+@dataclass(frozen=True, eq=False)
+class Extrapolation:
+    """A measure as a linear function of I and 1 / kappa.
+
+    Attributes
+    ----------
+    name : str
+        One of `MEASURES`.
+    limit, limit_error : float
+        At I = 1 / kappa = 0, mean of the seeds, and its standard error by the residuals.
+    slopes : numpy.ndarray, shape (2,)
+        a and b; a is 0 where the rate cannot matter.
+    covariance : numpy.ndarray, shape (2, 2)
+        Of a and b.
+    scatter : float
+        Standard deviation of the residuals.
+    freedom : int
+        Their degrees of freedom.
+    """
+
+    name: str
+    limit: float
+    limit_error: float
+    slopes: np.ndarray
+    covariance: np.ndarray
+    scatter: float
+    freedom: int
+
+    @property
+    def quantile(self) -> float:
+        """Of Student's distribution: half the interval of 90 % over the standard error."""
+        from scipy.stats import t
+
+        return float(t.ppf(0.5 + 0.5 * _CONFIDENCE, self.freedom))
+
+    def change(self, of: Setting, against: Setting) -> tuple[float, float, float]:
+        """By how much a setting lies above another, and the interval of 90 % of that: value, low, high."""
+        x = np.array([of.inertial_number - against.inertial_number, of.inverse_kappa - against.inverse_kappa])
+        value, half = float(x @ self.slopes), self.quantile * math.sqrt(max(float(x @ self.covariance @ x), 0.0))
+        return value, value - half, value + half
+
+    def verdict(self, of: Setting, against: Setting) -> str:
+        """Whether the change is within the margin (safe), or not (biased), or it cannot be told (open)."""
+        _, low, high = self.change(of, against)
+        margin = MARGINS[self.name]
+        if -margin < low and high < margin:
+            return "safe"
+        return "biased" if low > margin or high < -margin else "open"
+
+
+@dataclass(frozen=True)
+class Setting:
+    """Factors, and the numbers that they make.
+
+    Attributes
+    ----------
+    rate_factor, stiffness_factor : float
+    inertial_number, inverse_kappa : float
+        I of the median stone, and 1 / kappa.
+    """
+
+    rate_factor: float
+    stiffness_factor: float
+    inertial_number: float
+    inverse_kappa: float
+
+    @classmethod
+    def of(cls, row: dict[str, Any]) -> Setting:
+        """That of a run."""
+        return cls(*(float(row[k]) for k in ("rate_factor", "stiffness_factor", "inertial_number", "inverse_kappa")))
+
+    def changed(self, rate_factor: float, stiffness_factor: float) -> Setting:
+        """With other factors, by the laws of both numbers: I ~ rate, 1 / kappa ~ E^(-2/3)."""
+        return Setting(
+            rate_factor, stiffness_factor, self.inertial_number * rate_factor / self.rate_factor,
+            self.inverse_kappa * (self.stiffness_factor / stiffness_factor) ** (2.0 / 3.0),
+        )  # fmt: skip
+
+    @property
+    def real(self) -> Setting:
+        """The machine's own rate and the stones' own modulus: 30 a minute, 55 GPa."""
+        return self.changed(1.0, 1.0)
+
+
+def extrapolate(rows: Iterable[dict[str, Any]], name: str) -> Extrapolation:
+    """Fit a measure over I and 1 / kappa.
+
+    Parameters
+    ----------
+    rows : iterable of dict
+        As `run_study` gives them.
+    name : str
+        One of `MEASURES`.
+
+    Raises
+    ------
+    SampleError
+        If the runs do not tell the slopes, or leave no degree of freedom.
+    """
+    rows = list(rows)
+    columns = [1] if name in _BEFORE_GYRATION else [0, 1]
+    if name in _BEFORE_GYRATION:
+        # Runs that differ in the rate alone are the same until then, and count once.
+        rows = list({(row["seed"], row["stiffness_factor"]): row for row in rows}.values())
+    seeds = sorted({row["seed"] for row in rows})
+    x = np.array([[row["inertial_number"], row["inverse_kappa"]] for row in rows])[:, columns]
+    y = np.array([row[name] for row in rows])
+    scale = np.abs(x).max(axis=0)
+    dummies = np.array([[float(row["seed"] == seed) for seed in seeds] for row in rows])
+    design = np.concatenate([dummies, x / scale], axis=1)
+    freedom = len(y) - design.shape[1]
+    if freedom < 1 or np.linalg.matrix_rank(design) < design.shape[1]:
+        raise SampleError(f"{len(y)} runs do not tell how {MEASURES[name]} depends on rate and stiffness: at least two "
+                          "values of each and two seeds are needed.")  # fmt: skip
+    found, *_ = np.linalg.lstsq(design, y, rcond=None)
+    residuals = y - design @ found
+    variance = float(residuals @ residuals) / freedom
+    covariance = variance * np.linalg.inv(design.T @ design)
+    k = len(seeds)
+    mean = np.concatenate([np.full(k, 1.0 / k), np.zeros(len(columns))])
+    slopes, spread = np.zeros(2), np.zeros((2, 2))
+    slopes[columns] = found[k:] / scale
+    spread[np.ix_(columns, columns)] = covariance[k:, k:] / np.outer(scale, scale)
+    return Extrapolation(name, float(mean @ found), math.sqrt(float(mean @ covariance @ mean)), slopes, spread,
+                         math.sqrt(variance), freedom)  # fmt: skip

@@ -1,0 +1,155 @@
+"""The study of rate and stiffness: its plan, its extrapolation against known lines, its folder, its page."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from lithoform.cli import main
+from lithoform.compaction import campaign
+from lithoform.compaction.study import MEASURES, Setting, Study, extrapolate, run_study
+from lithoform.errors import RecipeError, SampleError
+from lithoform.study_report import findings, study_files
+
+A, B = -8.0, 4.0
+BASE = Setting(40.0, 0.1, 9.7e-4, 1.0 / 466.0)
+
+
+def rows_of(study: Study, noise: float = 0.0, seed: int = 0) -> list[dict]:
+    """Runs that follow the lines exactly, but for noise."""
+    rng = np.random.default_rng(seed)
+    rows = []
+    for _, request in study.plan():
+        at = BASE.changed(request.rate_factor, request.stiffness_factor)
+        rows.append({
+            "seed": request.seed, "rate_factor": request.rate_factor, "stiffness_factor": request.stiffness_factor,
+            "inertial_number": at.inertial_number, "inverse_kappa": at.inverse_kappa,
+            "loose_density": 0.45 + 0.01 * request.seed + 2.0 * at.inverse_kappa,
+            "compacted_density": 0.50 + 0.01 * request.seed + A * at.inertial_number + B * at.inverse_kappa
+            + noise * rng.standard_normal(),
+            "settlement": 0.9 + noise * rng.standard_normal(), "seconds": 1.0,
+        })  # fmt: skip
+    return rows
+
+
+@pytest.fixture
+def study(tmp_path) -> Study:
+    return Study(population=tmp_path / "stones")
+
+
+class TestPlan:
+    def test_each_specimen_meets_all_settings(self, study):
+        plan = study.plan()
+        assert len(plan) == 18
+        assert len({name for name, _ in plan}) == 18
+        assert {request.seed for _, request in plan} == {0, 1, 2}
+        of_first = {(r.rate_factor, r.stiffness_factor) for _, r in plan if r.seed == 0}
+        assert of_first == {(40.0, 0.1), (10.0, 0.1), (20.0, 0.1), (80.0, 0.1), (40.0, 0.03), (40.0, 0.3)}
+        # Else the runs that get there would make fewer gyrations than the others.
+        assert all(request.to_height == 1e-4 for _, request in plan)
+
+    @pytest.mark.parametrize("changes", [
+        {"rate_factors": (40.0,)}, {"rate_factors": (40.0, 40.0)}, {"stiffness_factors": (0.1, 7.0)}, {"seeds": 1},
+        {"rate_factors": (40.0, -1.0)}, {"count": 2}, {"gyrations": 0}, {"rate_factors": (40.0, float("nan"))},
+    ])  # fmt: skip
+    def test_what_makes_no_sense_is_refused(self, changes, tmp_path):
+        with pytest.raises(RecipeError):
+            Study(population=tmp_path, **changes)
+
+
+class TestExtrapolation:
+    def test_lines_are_recovered(self, study):
+        fit = extrapolate(rows_of(study), "compacted_density")
+        assert fit.slopes == pytest.approx([A, B], rel=1e-9)
+        assert fit.limit == pytest.approx(0.51, rel=1e-12)
+        assert fit.scatter < 1e-12
+        assert fit.freedom == 18 - 5
+
+    def test_the_change_against_the_real_case_is_that_of_the_lines(self, study):
+        fit = extrapolate(rows_of(study), "compacted_density")
+        real = BASE.real
+        # I goes as the rate, 1 / kappa as E^(-2/3).
+        assert real.inertial_number == pytest.approx(BASE.inertial_number / 40.0)
+        assert 1.0 / real.inverse_kappa == pytest.approx(466.0 * 10.0 ** (2.0 / 3.0))
+        value, low, high = fit.change(BASE, real)
+        assert value == pytest.approx(A * 9.7e-4 * 39.0 / 40.0 + B / 466.0 * (1.0 - 0.1 ** (2.0 / 3.0)))
+        assert low == pytest.approx(high)
+        assert fit.verdict(BASE, real) == "safe"
+
+    def test_the_rate_cannot_change_what_was_before_gyration(self, study):
+        fit = extrapolate(rows_of(study), "loose_density")
+        assert fit.slopes == pytest.approx([0.0, 2.0])
+        # 9 runs that are different, 3 constants and a slope: copies of the same run tell nothing more.
+        assert fit.freedom == 9 - 4
+
+    def test_the_interval_holds_the_truth_as_often_as_it_says(self, study):
+        truth = A * 9.7e-4 * 39.0 / 40.0 + B / 466.0 * (1.0 - 0.1 ** (2.0 / 3.0))
+        held = 0
+        for seed in range(400):
+            _, low, high = extrapolate(rows_of(study, 0.004, seed), "compacted_density").change(BASE, BASE.real)
+            held += low < truth < high
+        assert 342 <= held <= 378  # binomial: 360 expected, standard deviation 6
+
+    def test_large_changes_are_biased_and_noise_leaves_it_open(self, study):
+        fit = extrapolate(rows_of(study), "compacted_density")
+        assert fit.verdict(BASE.changed(200.0, 0.1), BASE.real) == "biased"
+        noisy = extrapolate(rows_of(study, 0.05), "compacted_density")
+        assert noisy.verdict(BASE, BASE.real) == "open"
+
+    def test_too_few_runs_are_refused(self, study):
+        with pytest.raises(SampleError, match="at least two values of each"):
+            extrapolate(rows_of(study)[:4], "compacted_density")
+
+
+def test_the_page_tells_limits_slopes_and_verdicts(study):
+    files = study_files(study, rows_of(study, 0.002))
+    assert set(files) == {"scales.png", "scales.csv", "report.html"}
+    assert files["scales.png"].startswith(b"\x89PNG")
+    assert len(files["scales.csv"].decode().splitlines()) == 19
+    page = files["report.html"].decode()
+    assert all(name.capitalize() in page for name in MEASURES.values())
+    assert "cannot" in page  # the slope of the loose density over the rate
+    found = findings(study, rows_of(study))
+    assert [row["measure"] for row in found] == list(MEASURES)
+    assert found[1]["settings"][0]["verdict"] == "safe"
+    json.dumps(found, allow_nan=False)
+
+
+def test_runs_are_made_once_and_become_rows(study, tmp_path, monkeypatch):
+    made = []
+
+    def stand_in(request, out, **_):
+        made.append(out.name)
+        out.mkdir(parents=True, exist_ok=True)
+        results = {
+            "loose": {"packing_density": 0.5, "height": 0.08},
+            "compacted": {"packing_density": 0.55, "height": 0.072},
+            "scales": {"inertial_number_median": 1e-3, "kappa": 500.0},
+            "seconds": 2.0,
+        }
+        (out / "compaction.json").write_text(json.dumps({"finished": True, "results": results}))
+        return results
+
+    monkeypatch.setattr(campaign, "run_compaction", stand_in)
+    monkeypatch.setattr(campaign, "spread", lambda work, jobs, **_: map(work, jobs))
+    rows = run_study(study, tmp_path / "out")
+    assert len(made) == len(rows) == 18
+    assert rows[0]["settlement"] == pytest.approx(0.9)
+    assert rows[0]["inverse_kappa"] == pytest.approx(2e-3)
+    assert run_study(study, tmp_path / "out", resume=True) == rows
+    assert len(made) == 18
+
+
+def test_the_command_tells_what_is_wrong(tmp_path, capsys):
+    for words, said in (
+        (["--rate-factors", "40,fast"], "expected numbers for --rate-factors"),
+        (["--stiffness-factors", "0.1"], "two or more different --stiffness-factors"),
+        (["--seeds", "1"], "--seeds from 2"),
+        (["--workers", "0"], str(tmp_path / "stones")),
+    ):
+        with pytest.raises(SystemExit) as ended:
+            main(["experiment", "scales", str(tmp_path / "out"), "--population", str(tmp_path / "stones"), *words])
+        assert ended.value.code == 2
+        assert said in capsys.readouterr().err
