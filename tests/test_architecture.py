@@ -153,6 +153,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "seeds",
         "sidecar",
         "statistics",
+        "warp_runtime",
     },
     "export": {
         "atomic",

@@ -10,7 +10,7 @@ import pytest
 from lithoform.cli import main
 from lithoform.compaction import campaign
 from lithoform.compaction.study import MEASURES, Setting, Study, extrapolate, run_study
-from lithoform.errors import RecipeError, SampleError
+from lithoform.errors import OutputError, RecipeError, SampleError
 from lithoform.study_report import findings, study_files
 
 A, B = -8.0, 4.0
@@ -140,6 +140,26 @@ def test_runs_are_made_once_and_become_rows(study, tmp_path, monkeypatch):
     assert rows[0]["inverse_kappa"] == pytest.approx(2e-3)
     assert run_study(study, tmp_path / "out", resume=True) == rows
     assert len(made) == 18
+
+
+def test_runs_take_all_gpus_in_turn(study, tmp_path, monkeypatch):
+    """With names of GPUs in place of GPUs: what each run is told, and how many workers there are."""
+    told, asked = [], []
+
+    def spread(work, jobs, *, workers, scheduler):
+        asked.append(workers)
+        told.extend(job["device"] for job in jobs)
+        return iter(())
+
+    monkeypatch.setattr(campaign, "spread", spread)
+    monkeypatch.setattr(campaign, "every_gpu", lambda device: ["cuda:0", "cuda:1"])
+    with pytest.raises(OutputError, match="not finished"):
+        run_study(study, tmp_path / "a")
+    assert told[:3] == ["cuda:0", "cuda:1", "cuda:0"]
+    told.clear()
+    with pytest.raises(OutputError, match="not finished"):
+        run_study(study, tmp_path / "b", workers=5)
+    assert asked == [2, 5]
 
 
 def test_the_command_tells_what_is_wrong(tmp_path, capsys):

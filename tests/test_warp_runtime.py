@@ -10,7 +10,7 @@ import pytest
 
 from lithoform import DeviceError, face_integrals, intersections, noise, radius, soundness
 from lithoform.dem import gjk, integrate, jkr, narrowphase
-from lithoform.warp_runtime import default_threads, resolve_device, shared_array, to_device, wp
+from lithoform.warp_runtime import default_threads, every_gpu, resolve_device, shared_array, to_device, wp
 
 KERNEL_MODULES = [face_integrals, intersections, noise, radius, soundness, gjk, integrate, jkr, narrowphase]
 
@@ -54,3 +54,13 @@ def test_shared_arrays_share_and_copies_do_not():
 
 def test_there_is_at_least_one_thread():
     assert default_threads() >= 1
+
+
+def test_every_gpu_is_named(monkeypatch):
+    assert every_gpu("cpu") == ["cpu"]
+    monkeypatch.setattr(wp, "is_cuda_available", lambda: True)
+    monkeypatch.setattr(wp, "get_cuda_device_count", lambda: 3)
+    assert every_gpu("auto") == every_gpu("cuda") == ["cuda:0", "cuda:1", "cuda:2"]
+    assert every_gpu("cuda:1") == ["cuda:1"]
+    monkeypatch.setattr(wp, "is_cuda_available", lambda: False)
+    assert every_gpu("auto") == ["cpu"]

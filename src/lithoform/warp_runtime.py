@@ -95,6 +95,20 @@ def resolve_device(device: str = "auto") -> str:
     raise DeviceError(f"expected a device of auto, cpu or cuda, got {device!r}.")
 
 
+def every_gpu(device: str = "auto") -> list[str]:
+    """Warp's names of all devices that a request may mean: every NVIDIA GPU for "auto" and "cuda", else the one named.
+
+    Parameters
+    ----------
+    device : str
+        As `resolve_device`, which says what is raised.
+    """
+    first = resolve_device(device)
+    if first == "cpu" or device.startswith("cuda:"):
+        return [first]
+    return [f"cuda:{k}" for k in range(wp.get_cuda_device_count())]
+
+
 def load(module: Any, device: str) -> None:
     """Compile (or fetch from the cache) a Warp module once, before threads launch its kernels."""
     key = (module.name, device)

@@ -14,6 +14,7 @@ from lithoform.database.engine import require_workers, spread
 from lithoform.errors import OutputError
 from lithoform.locking import LOCK_FILE, folder_lock
 from lithoform.progress import track
+from lithoform.warp_runtime import every_gpu
 
 __all__ = ["PLAN_FILE", "RUNS_FOLDER", "run_campaign"]
 
@@ -47,7 +48,8 @@ def run_campaign(
     what : str
         What it is, for a person: experiment, study.
     device : str
-        As `lithoform.dem.simulate`.
+        As `lithoform.dem.simulate`. Local runs take all NVIDIA GPUs in turn, one worker each unless told otherwise;
+        the workers of a scheduler choose themselves.
     workers, scheduler
         As `lithoform.database.engine.spread`; a worker makes a run on one thread.
     resume : bool
@@ -73,7 +75,11 @@ def run_campaign(
     make_folder(out)
     with folder_lock(out):
         _begin(out, settings, what, resume=resume)
-        jobs = [{"request": request, "out": str(out / RUNS_FOLDER / name), "device": device} for name, request in plan]
+        devices = [device] if scheduler else every_gpu(device)
+        if workers is None and devices[0].startswith("cuda"):
+            workers = len(devices)
+        jobs = [{"request": request, "out": str(out / RUNS_FOLDER / name), "device": devices[k % len(devices)]}
+                for k, (name, request) in enumerate(plan)]  # fmt: skip
         open_jobs = [job for job in jobs if _results_of(job["out"]) is None]
         if len(open_jobs) < len(jobs):
             told(f"{len(jobs) - len(open_jobs)} of {len(jobs)} runs are there.")
