@@ -25,6 +25,7 @@ class Role(IntEnum):
     PARTICLE = 4
     DIMENSIONS = 5
     POPULATION = 6
+    SPECIMEN = 7
 
 
 def _finalise(z: int) -> int:

@@ -29,7 +29,7 @@ def sgc(
     cases: Whole = 6,
     generated_runs: Whole = 3,
     scale: str = "medium",
-    count: Whole | None = None,
+    mould: str | None = None,
     gyrations: Whole | None = None,
     rate_factor: float | None = None,
     stiffness_factor: float | None = None,
@@ -62,9 +62,10 @@ def sgc(
     generated_runs
         Specimens of generated stones in each case; of the paper: 3.
     scale
-        small (60 stones, 5 gyrations), medium (300, 33) or paper (a mould of 150 mm, until 63.5 mm).
-    count
-        Stones, in place of those of the scale.
+        small (stones from 9.5 mm in a mould of 70 mm, 5 gyrations), medium (4.75 mm, 81 mm, 33) or paper (2.36 mm,
+        150 mm, 33).
+    mould
+        Diameter, such as 80mm, in place of that of the scale; all specimens fill it alike.
     gyrations
         At most, in place of those of the scale.
     rate_factor, stiffness_factor
@@ -87,10 +88,16 @@ def sgc(
     from lithoform.atomic import atomic_write
     from lithoform.compaction.experiment import MEASURES, Experiment, compare_sources, run_experiment
     from lithoform.experiment_report import experiment_files, summary
+    from lithoform.gradation.quantities import parse_length
     from lithoform.warp_runtime import resolve_device
 
     began = time.perf_counter()
-    given = {"count": count, "gyrations": gyrations, "rate_factor": rate_factor, "stiffness_factor": stiffness_factor}
+    given = {
+        "mould": None if mould is None else parse_length(mould),
+        "gyrations": gyrations,
+        "rate_factor": rate_factor,
+        "stiffness_factor": stiffness_factor,
+    }
     changes = {name: value for name, value in given.items() if value is not None}
     plan = Experiment(scanned=scanned, generated=generated, cases=cases, generated_runs=generated_runs, scale=scale,
                       seed=seed, changes=changes)  # fmt: skip

@@ -114,8 +114,8 @@ class Machine:
     def scales(self, *, threads: int | None = None) -> Scales:
         """Time scales of the gyrations, with their cost."""
         gyrations = self.protocol.gyrations / self.frequency
-        # The strain goes through its amplitude four times a gyration.
-        return scales(self.specimen.model, self.protocol.pressure, 4.0 * self.protocol.shear * self.frequency,
+        # A layer at height z goes round a circle of radius z tan(angle): the rate of shear turns, its size is constant.
+        return scales(self.specimen.model, self.protocol.pressure, 2.0 * math.pi * self.protocol.shear * self.frequency,
                       duration=gyrations, dt=self.dt, threads=threads)  # fmt: skip
 
 

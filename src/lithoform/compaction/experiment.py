@@ -13,6 +13,7 @@ import numpy as np
 from lithoform.compaction.campaign import run_campaign
 from lithoform.compaction.request import Request
 from lithoform.errors import RecipeError
+from lithoform.seeds import MAX_SEED, Role, derive
 from lithoform.sidecar import program_version
 from lithoform.statistics.anova import equivalence
 
@@ -22,11 +23,12 @@ __all__ = [
 ]  # fmt: skip
 
 SCALES: Final[dict[str, dict[str, Any]]] = {
-    "small": {"count": 60, "min_size": 9.5e-3, "mould": None, "gyrations": 5, "rate_factor": 40.0},
-    "medium": {"count": 300, "min_size": 4.75e-3, "mould": None, "gyrations": 33, "rate_factor": 40.0},
-    "paper": {"count": None, "min_size": 2.36e-3, "mould": 0.150, "gyrations": 100, "rate_factor": 20.0},
+    "small": {"min_size": 9.5e-3, "mould": 0.070, "gyrations": 5, "rate_factor": 40.0},
+    "medium": {"min_size": 4.75e-3, "mould": 0.081, "gyrations": 33, "rate_factor": 40.0},
+    "paper": {"min_size": 2.36e-3, "mould": 0.150, "gyrations": 33, "rate_factor": 20.0},
 }
-"""Settings of a specimen; all at E/10."""
+"""Settings of a specimen, all at E/10: the same mould for both sources, and as many stones as fill it alike, so that
+all specimens have the same mass."""
 
 MEASURES: Final = {
     "loose_density": "packing density before gyration",
@@ -38,6 +40,10 @@ MEASURES: Final = {
 
 MARGINS: Final = {"loose_density": 0.01, "compacted_density": 0.01, "A": 0.05, "B": 0.003}
 """Differences that would not matter: a point of packing density, as the paper takes it; some 2 % of A; 10 % of B."""
+
+
+# Below all specimens, for a mould as wide as the protocol's [m].
+_NO_HEIGHT: Final = 1e-4
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,6 +74,8 @@ class Experiment:
     def __post_init__(self) -> None:
         if self.scale not in SCALES:
             raise RecipeError(f"expected --scale of {', '.join(SCALES)}; got {self.scale!r}.")
+        if not (isinstance(self.seed, int) and 0 <= self.seed <= MAX_SEED):
+            raise RecipeError(f"the seed must be a whole number from 0 to {MAX_SEED}; got {self.seed!r}.")
         for name, value, most in (("cases", self.cases, 100), ("generated-runs", self.generated_runs, 100)):
             if not (isinstance(value, int) and 1 <= value <= most):
                 raise RecipeError(f"expected --{name} from 1 to {most}; got {value!r}.")
@@ -84,7 +92,9 @@ class Experiment:
     def _request(self, case: int, sample: int) -> Request:
         asked = {"vtk": False, "stiffness_factor": 0.1, **SCALES[self.scale], **(self.changes or {})}
         source = self.generated if sample else self.scanned
-        return Request(population=source, seed=self.seed + 1000 * case + sample, **asked)
+        # No run ends at a height: all are compared after the same gyrations.
+        return Request(population=source, seed=derive(self.seed, Role.SPECIMEN, case, sample), count=None,
+                       to_height=_NO_HEIGHT, **asked)  # fmt: skip
 
     def settings(self) -> dict[str, Any]:
         """Plain values, with the version of the program."""

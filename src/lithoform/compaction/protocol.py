@@ -65,6 +65,11 @@ class Protocol:
                 raise RecipeError(
                     f"expected a {name.replace('_', ' ')} of the compactor above 0{limit}; got {value:g}."
                 )
+        if self.height >= self.loose_height:
+            raise RecipeError(
+                f"expected a height below {1e3 * self.loose_height:g} mm, which the specimen has before the gyrations "
+                f"(in a mould of {1e3 * self.diameter:g} mm); got {1e3 * self.height:g} mm."
+            )
         if self.gyrations < 1:
             raise RecipeError(f"expected at least one gyration; got {self.gyrations}.")
 

@@ -19,13 +19,16 @@ from lithoform.gradation.curves import Gradation
 from lithoform.parallel import in_order
 from lithoform.progress import track
 
-__all__ = ["LEAST_WIDTH", "LOOSE", "Plan", "Specimen", "make_specimen"]
+__all__ = ["LEAST_HEIGHT", "LEAST_WIDTH", "LOOSE", "Plan", "Specimen", "make_specimen"]
 
 LOOSE: Final = 0.53
 """Packing density for which the mass is chosen: the middle of what the paper's loose mixtures have."""
 
 LEAST_WIDTH: Final = 4.0
 """Diameter of the mould over the largest sieve size, at least."""
+
+LEAST_HEIGHT: Final = 1.5
+"""Height of the loose specimen over the largest sieve size, at least."""
 
 # Different stones in memory, about 1 MB each; and how often one may be taken on the average.
 _MOST_SHAPES, _MOST_USES = 1000, 100
@@ -171,6 +174,13 @@ def make_specimen(
             f"mm; got one of {1e3 * diameter:.1f} mm: take more stones (--count), a larger --mould, or leave smaller "
             "stones out (--min-size), of which a specimen needs so many."
         )
+    height = _solid(grading) / (LOOSE * 0.25 * math.pi * diameter**2)
+    if height < LEAST_HEIGHT * largest:
+        raise SceneError(
+            f"expected stones that fill the mould at least {LEAST_HEIGHT:g} times as high as the largest sieve size, "
+            f"{1e3 * largest:.3g} mm; {len(grading)} of them fill one of {1e3 * diameter:.4g} mm to "
+            f"{1e3 * height:.3g} mm: take more stones (--count), or a narrower --mould."
+        )
     order = rng.permutation(len(grading))
     used, which = np.unique(grading.draw.candidates[order], return_inverse=True)
     shapes, names = _shapes(store, candidates, used, threads=threads, device=device, progress=progress, told=told)
@@ -208,9 +218,14 @@ def _graded(candidates: Candidates, plan: Plan, protocol: Protocol) -> Grading:
         raise RecipeError(f"the gradation cannot be filled: {error}") from None
 
 
+def _solid(grading: Grading) -> float:
+    """Volume of the stones [m^3]."""
+    return float(grading.draw.masses.sum()) / TABLE_10.density
+
+
 def _narrowed(grading: Grading, protocol: Protocol) -> float:
     """Diameter at which the stones at the loose packing density are as high over wide as the protocol's specimen."""
-    solid = float(grading.draw.masses.sum()) / TABLE_10.density
+    solid = _solid(grading)
     slender = protocol.loose_height / protocol.diameter
     return (solid / (LOOSE * 0.25 * math.pi * slender)) ** (1.0 / 3.0)
 

@@ -22,6 +22,7 @@ import numpy as np
 from lithoform.compaction.campaign import run_campaign
 from lithoform.compaction.request import Request
 from lithoform.errors import RecipeError, SampleError
+from lithoform.seeds import MAX_SEED, Role, derive
 from lithoform.sidecar import program_version
 
 __all__ = ["MARGINS", "MEASURES", "Extrapolation", "Setting", "Study", "extrapolate", "run_study"]
@@ -55,7 +56,7 @@ class Study:
     seeds : int
         Specimens, each with all settings.
     seed : int
-        Of the first specimen.
+        Of which each specimen has one made.
     count, gyrations : int
         Stones of a specimen, and gyrations of each run.
     min_size : float
@@ -81,6 +82,8 @@ class Study:
                                   f"{', '.join(f'{v:g}' for v in values) or 'none'}.")  # fmt: skip
         if not (isinstance(self.seeds, int) and 2 <= self.seeds <= 100):
             raise RecipeError(f"expected --seeds from 2 to 100: one tells nothing of the scatter; got {self.seeds!r}.")
+        if not (isinstance(self.seed, int) and 0 <= self.seed <= MAX_SEED):
+            raise RecipeError(f"the seed must be a whole number from 0 to {MAX_SEED}; got {self.seed!r}.")
         self.plan()
 
     def plan(self) -> list[tuple[str, Request]]:
@@ -88,7 +91,10 @@ class Study:
         pairs = [(rate, self.stiffness_factors[0]) for rate in self.rate_factors]
         pairs += [(self.rate_factors[0], stiffness) for stiffness in self.stiffness_factors[1:]]
         return [
-            (f"seed{seed}_rate{rate:g}_stiffness{stiffness:g}", self._request(rate, stiffness, self.seed + seed))
+            (
+                f"seed{seed}_rate{rate:g}_stiffness{stiffness:g}",
+                self._request(rate, stiffness, derive(self.seed, Role.SPECIMEN, seed)),
+            )
             for seed in range(self.seeds)
             for rate, stiffness in pairs
         ]
