@@ -29,7 +29,7 @@ from lithoform.gradation.curves import find_gradation
 
 SOFT = dem.TABLE_10.softened(0.01)
 # As stiff under its pressure as stones at E/10 under 600 kPa, in a third of the steps.
-SMALL = {"count": 24, "min_size": 9.5e-3, "mould": 0.066, "pressure": 60e3, "gyrations": 3, "rate_factor": 20.0,
+SMALL = {"count": 24, "min_size": 9.5e-3, "mould": 0.062, "pressure": 60e3, "gyrations": 3, "rate_factor": 20.0,
          "stiffness_factor": 0.01}  # fmt: skip
 
 
@@ -59,7 +59,7 @@ def looks_of(out: Path, stage: str) -> list[dict[str, float]]:
 def machine_of(population: Path) -> Machine:
     """The compactor of that specimen."""
     request = Request(population=population, **SMALL)
-    plan = Plan(gradation=find_gradation("AC-13"), min_size=9.5e-3, count=24, mould=0.066, stiffness_factor=0.01)
+    plan = Plan(gradation=find_gradation("AC-13"), min_size=9.5e-3, count=24, mould=0.062, stiffness_factor=0.01)
     specimen = make_specimen(Store(population), plan, request.protocol)
     return Machine(specimen=specimen, protocol=request.protocol, rate_factor=20.0, seed=0)
 
@@ -272,20 +272,22 @@ class TestCompactor:
         assert state.wall_point[FLOOR].tolist() == [0.0, 0.0, 0.0]
         assert state.wall_point[PLATEN, 2] == results["compacted"]["height"]
 
-    def test_a_height_that_is_reached_ends_the_run(self, population, tmp_path, done):
+    def test_a_height_that_is_reached_ends_the_run(self, population, tmp_path, done, monkeypatch):
         out, results = done
         machine = machine_of(population)
         # Between the first and the second gyration; what was before is there.
         heights = results["series"]["height"]
-        target = 0.5 * (heights[1] + heights[2]) / machine.specimen.height_scale
+        target = 0.5 * (heights[1] + heights[2])
+        # So few stones stay above the loose height, below which a protocol's must lie.
+        monkeypatch.setattr(Machine, "target", property(lambda _: target))
         for stage in ("deposition", "seating", "pressing", "tilting"):
             for kind in ("jsonl", "checkpoint"):
                 shutil.copy(out / f"{stage}.{kind}", tmp_path / f"{stage}.{kind}")
-        again = compact(replace(machine, protocol=machine.protocol.changed(height=target)), tmp_path, threads=1)
+        again = compact(machine, tmp_path, threads=1)
         last = again.looks["gyration"][-1]
         assert again.reached
         assert 1.0 < last["gyration"] <= 2.0
-        assert last["height"] <= target * machine.specimen.height_scale
+        assert last["height"] <= target
         assert again.series["height"][:2].tolist() == heights[:2]
         assert again.fit is None
         assert any("too few to fit" in note for note in again.notes)
@@ -324,7 +326,69 @@ class TestCompactor:
         shutil.copy(out / "pressing.checkpoint", record.checkpoint)
         record.file.write_text("{\n")
         with pytest.raises((OutputError, SceneError)):
-            record.resume(dem.Model(shapes=(dem.Shape.sphere(1e-3),), materials=(SOFT,), shape=[0]), None)
+            record.resume(dem.Model(shapes=(dem.Shape.sphere(1e-3),), materials=(SOFT,), shape=[0]), None, 1)
+
+    def test_a_record_with_holes_is_mended(self, done, population, tmp_path):
+        """A look that is missing makes its stage anew; the last one is made again from the state of the checkpoint."""
+        out, results = done
+        shutil.copytree(out, tmp_path / "out")
+        out, first = tmp_path / "out", out
+        numbers = json.loads((out / "compaction.json").read_text())
+        (out / "compaction.json").write_text(json.dumps({**numbers, "finished": False}))
+        tilting, gyration = out / "tilting.jsonl", out / "gyration.jsonl"
+        lines = tilting.read_bytes().splitlines(keepends=True)
+        tilting.write_bytes(b"".join(lines[:2] + lines[3:]))
+        gyration.write_bytes(b"".join(gyration.read_bytes().splitlines(keepends=True)[:-1]))
+        again = run_compaction(Request(population=population, **SMALL), out, threads=1, resume=True)
+        assert again["series"] == results["series"]
+        for stage in STAGES:
+            assert (out / f"{stage}.jsonl").read_bytes() == (first / f"{stage}.jsonl").read_bytes()
+
+    def test_a_run_goes_on_to_more_gyrations(self, done, population, tmp_path):
+        first, results = done
+        shutil.copytree(first, tmp_path / "out")
+        out = tmp_path / "out"
+        for kind in ("jsonl", "checkpoint"):
+            (out / f"gyration.{kind}").unlink()
+        numbers = json.loads((out / "compaction.json").read_text())
+        numbers["settings"]["gyrations"] = 1
+        (out / "compaction.json").write_text(json.dumps({**numbers, "finished": False}))
+        short = run_compaction(Request(population=population, **{**SMALL, "gyrations": 1}), out, threads=1, resume=True)
+        assert short["series"]["gyration"] == [0.0, 1.0]
+        longer = run_compaction(Request(population=population, **SMALL), out, threads=1, resume=True)
+        assert longer["series"] == results["series"]
+        assert (out / "blocks.csv").read_bytes() == (first / "blocks.csv").read_bytes()
+        for fewer in ({"gyrations": 2}, {"to_height": 0.065}, {"seed": 5}):
+            with pytest.raises(OutputError, match="with other settings"):
+                run_compaction(Request(population=population, **{**SMALL, **fewer}), out, threads=1, resume=True)
+
+    def test_files_that_were_about_to_be_removed_are_not_gone_on_with(self, done, population, tmp_path, monkeypatch):
+        """Stopped while it clears the folder, a run that is resumed begins: nothing of the former one is in it."""
+        shutil.copytree(done[0], tmp_path / "out")
+        out = tmp_path / "out"
+        other = Request(population=population, **{**SMALL, "pressure": 30e3, "gyrations": 1})
+        unlink = Path.unlink
+
+        def stopped(path: Path, missing_ok: bool = False) -> None:
+            if path.name == "gyration.jsonl":
+                raise KeyboardInterrupt
+            unlink(path, missing_ok=missing_ok)
+
+        with monkeypatch.context() as patch:
+            patch.setattr(Path, "unlink", stopped)
+            with pytest.raises(KeyboardInterrupt):
+                run_compaction(other, out, threads=1, overwrite=True)
+        assert (out / "pressing.checkpoint").exists()
+        begun = []
+
+        def compacted(machine, folder, **_):
+            begun.extend(path.name for path in folder.iterdir() if path.suffix in (".checkpoint", ".jsonl"))
+            raise KeyboardInterrupt
+
+        monkeypatch.setattr("lithoform.compaction.run.compact", compacted)
+        with pytest.raises(KeyboardInterrupt):
+            run_compaction(other, out, threads=1, resume=True)
+        assert begun == []
 
 
 # ------------------------------------------------------------------------------------------ the command
@@ -338,7 +402,7 @@ def run(*arguments: str) -> int:
 
 def test_the_command_tells_the_fit_and_the_series(population, tmp_path, capsys):
     out = tmp_path / "out"
-    arguments = [str(population), "--out", str(out), "--count", "24", "--mould", "66mm", "--min-size", "9.5mm",
+    arguments = [str(population), "--out", str(out), "--count", "24", "--mould", "62mm", "--min-size", "9.5mm",
                  "--pressure", "60", "--gyrations", "3", "--rate-factor", "60", "--stiffness-factor", "0.01",
                  "--no-vtk", "--threads", "1"]  # fmt: skip
     assert run(*arguments, "--json") == 0

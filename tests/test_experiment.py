@@ -12,7 +12,7 @@ from lithoform.cli import main
 from lithoform.compaction import campaign as module
 from lithoform.compaction.experiment import Experiment, compare_sources, measures_of, run_experiment
 from lithoform.compaction.published import COMPACTED_DENSITY, FITS, LOOSE_DENSITY
-from lithoform.errors import OutputError, RecipeError
+from lithoform.errors import FileFormatError, OutputError, RecipeError
 from lithoform.experiment_report import experiment_files, fits_table, runs_csv
 
 
@@ -24,7 +24,8 @@ def row(case: int, sample: int, density: float, b: float = -0.029, gain: float =
     heights[0] = loose
     return {
         "case": case, "sample": sample, "name": f"{case}-{sample}", "stones": 300, "mould_diameter": 0.08,
-        "mould_over_largest_stone": 5.0, "fit": {"A": 0.98 * loose, "A_mm": 980.0 * loose, "B": b, "R2": 1.0},
+        "mould_over_largest_stone": 5.0, "height_scale": 0.5,
+        "fit": {"A": 0.98 * loose, "A_mm": 980.0 * loose, "B": b, "R2": 1.0},
         "series": {"gyration": g.tolist(), "height": heights.tolist(), "packing_density": (solid / heights).tolist()},
         "loose": {"height": loose, "packing_density": density},
         "compacted": {"height": float(heights[-1]), "packing_density": density + gain, "gyration": 33.0},
@@ -83,6 +84,11 @@ class TestVerdicts:
         assert found["B"].verdict == "open"
         assert found["loose_density"].verdict == "equivalent"
 
+    def test_runs_of_one_case_without_a_fit_leave_the_others_their_spread(self):
+        some = [{**each, "fit": None} if each["case"] == 1 and each["sample"] else each for each in rows(0.0, 0.003)]
+        found = {c.name: c for c in compare_sources(some)}
+        assert math.isfinite(found["A"].spread)
+
 
 class TestPages:
     def test_the_papers_figures_are_beside_ours(self):
@@ -92,6 +98,8 @@ class TestPages:
                                      "70.3315 G^-0.0288; 0.9953", "70.2563 G^-0.0285; 0.9959")  # fmt: skip
         assert table.rows[0][0] == "1"
         assert table.rows[0][2].endswith("G^-0.0290; 1.0000")
+        # 0.98 times the loose height, over a scale of heights of a half.
+        assert float(table.rows[0][2].split()[0]) == pytest.approx(0.98 * 2.0 * 20.0 / 0.53, rel=0.05)
 
     def test_the_published_fits_lead_from_the_loose_to_the_compacted_density(self):
         """70 mm to 63.5 mm raises 53 % to 58.4 %, and the fits reach 63.5 mm in 30 to 40 gyrations."""
@@ -108,6 +116,14 @@ class TestPages:
         assert "Table 6" in page
         assert "70.2147 G^-0.0286" in page
         assert page.count("equivalent") >= 2
+
+    def test_a_page_without_fits_says_so(self, tmp_path):
+        plan = Experiment(scanned=tmp_path / "a", generated=tmp_path / "b", cases=2, generated_runs=1)
+        short = [{**each, "fit": None} for each in rows(0.0, 0.003, cases=2, samples=1)]
+        page = experiment_files(plan, short)["report.html"].decode()
+        assert "not fitted" in page
+        assert "nan" not in page
+        assert "inf" not in page.replace("information", "")
 
     def test_the_table_of_the_runs_has_a_row_each(self):
         lines = runs_csv(rows(0.0, 0.003)).decode().splitlines()
@@ -128,26 +144,26 @@ class TestRuns:
     def test_what_is_done_is_not_done_again(self, tmp_path, monkeypatch):
         """Runs are made by a stand-in, which fails once: what was done before is kept, the rest is made on resuming."""
         made = []
+        results = {key: value for key, value in row(1, 0, 0.5).items() if key not in ("case", "sample", "name")}
 
         def stand_in(request, out, **_):
-            if len(made) == 3 and request.seed == 2001:
+            if len(made) == 3 and out.name == "case2_generated1":
                 made.append("failed")
                 raise OutputError("the disk is full.")
             made.append(out.name)
             out.mkdir(parents=True, exist_ok=True)
-            case, sample = divmod(request.seed, 1000)
-            (out / "compaction.json").write_text(json.dumps({"finished": True, "results": row(case, sample, 0.5)}))
+            (out / "compaction.json").write_text(json.dumps({"finished": True, "results": results}))
             return {"seconds": 0.0}
 
         monkeypatch.setattr(module, "run_compaction", stand_in)
+        monkeypatch.setattr(module, "check_request", lambda *_, **__: None)
         plan = Experiment(scanned=tmp_path / "a", generated=tmp_path / "b", cases=2, generated_runs=1)
-        monkeypatch.setattr(module, "spread", lambda work, jobs, **_: map(work, jobs))
-        with pytest.raises(OutputError, match="the disk is full"):
-            run_experiment(plan, tmp_path / "out")
+        with pytest.raises(OutputError, match="case2_generated1: the disk is full"):
+            run_experiment(plan, tmp_path / "out", workers=0)
         with pytest.raises(OutputError, match="holds this experiment already: --resume goes on"):
-            run_experiment(plan, tmp_path / "out")
+            run_experiment(plan, tmp_path / "out", workers=0)
         told = []
-        found = run_experiment(plan, tmp_path / "out", resume=True, told=told.append)
+        found = run_experiment(plan, tmp_path / "out", workers=0, resume=True, told=told.append)
         assert made == ["case1_scanned", "case1_generated1", "case2_scanned", "failed", "case2_generated1"]
         assert told[0] == "3 of 4 runs are there."
         assert [(r["case"], r["sample"]) for r in found] == [(1, 0), (1, 1), (2, 0), (2, 1)]
@@ -155,13 +171,37 @@ class TestRuns:
         with pytest.raises(OutputError, match=r"other settings \(cases\)"):
             run_experiment(other, tmp_path / "out", resume=True)
 
-    def test_a_folder_of_others_is_left_alone(self, tmp_path):
+    def test_a_plan_that_is_refused_leaves_no_folder(self, tmp_path):
+        with pytest.raises(FileFormatError, match=r"case1_scanned: .* make one with lithoform database build"):
+            run_experiment(Experiment(scanned=tmp_path / "a", generated=tmp_path / "b"), tmp_path / "out")
+        assert not (tmp_path / "out").exists()
+
+    def test_a_plan_without_a_run_is_replaced(self, tmp_path, monkeypatch):
+        def stopped(*_, **__):
+            raise KeyboardInterrupt
+
+        monkeypatch.setattr(module, "run_compaction", stopped)
+        monkeypatch.setattr(module, "check_request", lambda *_, **__: None)
+        for cases in (2, 3):
+            plan = Experiment(scanned=tmp_path / "a", generated=tmp_path / "b", cases=cases)
+            with pytest.raises(KeyboardInterrupt):
+                run_experiment(plan, tmp_path / "out", workers=0)
+        assert json.loads((tmp_path / "out" / "experiment.json").read_text())["settings"]["cases"] == 3
+
+    def test_neighbouring_seeds_share_no_run(self, tmp_path):
+        seeds = [{run.request.seed for run in Experiment(scanned=tmp_path, generated=tmp_path, seed=seed).plan()}
+                 for seed in range(4)]  # fmt: skip
+        assert len(set.union(*seeds)) == 4 * 24
+
+    def test_a_folder_of_others_is_left_alone(self, tmp_path, monkeypatch):
+        monkeypatch.setattr(module, "check_request", lambda *_, **__: None)
         (tmp_path / "mine.txt").write_text("x")
         with pytest.raises(OutputError, match="is not empty"):
             run_experiment(Experiment(scanned=tmp_path, generated=tmp_path), tmp_path)
 
     @pytest.mark.parametrize("changes", [
-        {"scale": "huge"}, {"cases": 0}, {"generated_runs": 0}, {"cases": 999}, {"changes": {"count": 3}},
+        {"scale": "huge"}, {"cases": 0}, {"generated_runs": 0}, {"cases": 999}, {"seed": -1},
+        {"changes": {"mould": 30.0}},
         {"changes": {"stiffness_factor": 7.0}},
     ])  # fmt: skip
     def test_what_makes_no_sense_is_refused(self, changes, tmp_path):

@@ -21,13 +21,14 @@ def rows_of(study: Study, noise: float = 0.0, seed: int = 0) -> list[dict]:
     """Runs that follow the lines exactly, but for noise."""
     rng = np.random.default_rng(seed)
     rows = []
-    for _, request in study.plan():
+    for name, request in study.plan():
+        specimen = int(name[4])
         at = BASE.changed(request.rate_factor, request.stiffness_factor)
         rows.append({
             "seed": request.seed, "rate_factor": request.rate_factor, "stiffness_factor": request.stiffness_factor,
             "inertial_number": at.inertial_number, "inverse_kappa": at.inverse_kappa,
-            "loose_density": 0.45 + 0.01 * request.seed + 2.0 * at.inverse_kappa,
-            "compacted_density": 0.50 + 0.01 * request.seed + A * at.inertial_number + B * at.inverse_kappa
+            "loose_density": 0.45 + 0.01 * specimen + 2.0 * at.inverse_kappa,
+            "compacted_density": 0.50 + 0.01 * specimen + A * at.inertial_number + B * at.inverse_kappa
             + noise * rng.standard_normal(),
             "settlement": 0.9 + noise * rng.standard_normal(), "seconds": 1.0,
         })  # fmt: skip
@@ -44,8 +45,8 @@ class TestPlan:
         plan = study.plan()
         assert len(plan) == 18
         assert len({name for name, _ in plan}) == 18
-        assert {request.seed for _, request in plan} == {0, 1, 2}
-        of_first = {(r.rate_factor, r.stiffness_factor) for _, r in plan if r.seed == 0}
+        assert len({request.seed for _, request in plan}) == 3
+        of_first = {(r.rate_factor, r.stiffness_factor) for name, r in plan if name.startswith("seed0_")}
         assert of_first == {(40.0, 0.1), (10.0, 0.1), (20.0, 0.1), (80.0, 0.1), (40.0, 0.03), (40.0, 0.3)}
         # Else the runs that get there would make fewer gyrations than the others.
         assert all(request.to_height == 1e-4 for _, request in plan)
@@ -66,6 +67,8 @@ class TestExtrapolation:
         assert fit.limit == pytest.approx(0.51, rel=1e-12)
         assert fit.scatter < 1e-12
         assert fit.freedom == 18 - 5
+        # Specimens at 0.50, 0.51 and 0.52: their scatter is what the limit is known to.
+        assert fit.limit_error == pytest.approx(0.01 / 3.0**0.5)
 
     def test_the_change_against_the_real_case_is_that_of_the_lines(self, study):
         fit = extrapolate(rows_of(study), "compacted_density")
@@ -133,12 +136,12 @@ def test_runs_are_made_once_and_become_rows(study, tmp_path, monkeypatch):
         return results
 
     monkeypatch.setattr(campaign, "run_compaction", stand_in)
-    monkeypatch.setattr(campaign, "spread", lambda work, jobs, **_: map(work, jobs))
-    rows = run_study(study, tmp_path / "out")
+    monkeypatch.setattr(campaign, "check_request", lambda *_, **__: None)
+    rows = run_study(study, tmp_path / "out", workers=0)
     assert len(made) == len(rows) == 18
     assert rows[0]["settlement"] == pytest.approx(0.9)
     assert rows[0]["inverse_kappa"] == pytest.approx(2e-3)
-    assert run_study(study, tmp_path / "out", resume=True) == rows
+    assert run_study(study, tmp_path / "out", workers=0, resume=True) == rows
     assert len(made) == 18
 
 
@@ -152,6 +155,8 @@ def test_runs_take_all_gpus_in_turn(study, tmp_path, monkeypatch):
         return iter(())
 
     monkeypatch.setattr(campaign, "spread", spread)
+    monkeypatch.setattr(campaign, "check_request", lambda *_, **__: None)
+    monkeypatch.setattr(campaign, "has_dask", lambda: True)
     monkeypatch.setattr(campaign, "every_gpu", lambda device: ["cuda:0", "cuda:1"])
     with pytest.raises(OutputError, match="not finished"):
         run_study(study, tmp_path / "a")
@@ -167,6 +172,8 @@ def test_the_command_tells_what_is_wrong(tmp_path, capsys):
         (["--rate-factors", "40,fast"], "expected numbers for --rate-factors"),
         (["--stiffness-factors", "0.1"], "two or more different --stiffness-factors"),
         (["--seeds", "1"], "--seeds from 2"),
+        (["--rate-factors", ""], "two or more different --rate-factors"),
+        (["--stiffness-factors", "0.1,0.3,0.01"], "give at least --stiffness-factor"),
         (["--workers", "0"], str(tmp_path / "stones")),
     ):
         with pytest.raises(SystemExit) as ended:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -18,6 +19,8 @@ from lithoform.locking import LOCK_FILE
 __all__ = ["ResultFolder"]
 
 _VTK_FILE: Final = re.compile(r"(blocks|contacts)(_\d+\.vt[pu]|\.pvd)", re.ASCII)
+# Written as false while files of a former result are removed.
+_CLEARED: Final = "cleared"
 # What a killed run leaves of a file that it was writing: see `lithoform.atomic`.
 _UNFINISHED: Final = re.compile(r"\.(?P<name>.+)\.[0-9a-f]{8}\.partial", re.ASCII)
 
@@ -43,7 +46,10 @@ class ResultFolder:
     files: frozenset[str]
     series: tuple[str, ...] = ()
 
-    def check(self, out: Path, settings: dict[str, Any], *, overwrite: bool, resume: bool) -> dict[str, Any] | None:
+    def check(
+        self, out: Path, settings: dict[str, Any], *, overwrite: bool, resume: bool,
+        may_grow: Callable[[dict[str, Any]], bool] = lambda _: False,
+    ) -> dict[str, Any] | None:  # fmt: skip
         """Make a folder, and make sure that a result may be written there; nothing in it is touched.
 
         Parameters
@@ -56,6 +62,8 @@ class ResultFolder:
             A former result may be replaced.
         resume : bool
             A run that was stopped is to be gone on with.
+        may_grow : callable
+            Whether a run of other settings, which it is given, may be gone on with too.
 
         Returns
         -------
@@ -77,7 +85,7 @@ class ResultFolder:
         if not content:
             return None
         if resume:
-            return self._same(out, former, settings)
+            return self._same(out, former, settings, may_grow)
         foreign = sorted(content - self.files - {*self.series})
         if former is None:
             named = (foreign or sorted(content))[0]
@@ -95,13 +103,16 @@ class ResultFolder:
                               "or choose another folder.")  # fmt: skip
         return former
 
-    def _same(self, out: Path, former: dict[str, Any] | None, settings: dict[str, Any]) -> dict[str, Any]:
+    def _same(
+        self, out: Path, former: dict[str, Any] | None, settings: dict[str, Any],
+        may_grow: Callable[[dict[str, Any]], bool],
+    ) -> dict[str, Any]:  # fmt: skip
         if former is None:
             raise OutputError(f"{out} holds no {self.what} to resume (there is no {self.numbers} of one): name the "
                               f"folder of the {self.what}, or choose another and leave --resume out.")  # fmt: skip
         asked = former["settings"]
         differing = sorted(key for key in {*asked, *settings} if asked.get(key) != settings.get(key))
-        if differing:
+        if differing and not may_grow(asked):
             differ = "differs" if len(differing) == 1 else "differ"
             raise OutputError(
                 f"{out} holds a {self.what} with other settings ({', '.join(differing)} {differ}): resume it with the "
@@ -117,9 +128,9 @@ class ResultFolder:
         OutputError
             If a file cannot be removed or written.
         """
-        # First of all the numbers say that nothing is finished: if this is stopped, the files are still known as ours,
-        # and what is left of them is not taken for a result.
-        self.write(out, settings, {}, finished=False)
+        # First of all the numbers say that nothing is finished, nor cleared: if this is stopped, the files are still
+        # known as ours, and what is left of them is not taken for a result, nor for what a run goes on from.
+        self.write(out, settings, {_CLEARED: False}, finished=False)
         try:
             for name in sorted(self.files - {self.numbers}):
                 (out / name).unlink(missing_ok=True)
@@ -130,6 +141,19 @@ class ResultFolder:
                 f"the former {self.what} in {out} cannot be removed: {error.strerror or error}."
             ) from error
         self.remove_unfinished(out)
+        self.write(out, settings, {}, finished=False)
+
+    @staticmethod
+    def goes_on(former: dict[str, Any] | None, *, resume: bool) -> bool:
+        """Whether a run goes on from what a former one left: not from files of another that were about to be removed.
+
+        Parameters
+        ----------
+        former : dict or None
+            As `check` returns it.
+        resume : bool
+        """
+        return resume and former is not None and former.get(_CLEARED) is not False
 
     def remove_unfinished(self, out: Path) -> None:
         """Remove what a killed run left of the files that it was writing, and nothing else.

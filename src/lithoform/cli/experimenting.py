@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
 import time
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from cyclopts import App, Parameter
 
@@ -119,9 +120,13 @@ def sgc(
     found = compare_sources(rows) if cases > 1 else []
     if json_:
         verdicts = [{**asdict(row), "verdict": row.verdict} for row in found]
-        say(json.dumps({"out": str(out), "files": list(files), "runs": summary(rows), "verdicts": verdicts}, indent=2))
+        told_all = {"out": str(out), "files": list(files), "runs": summary(rows), "verdicts": verdicts}
+        say(json.dumps(_finite(told_all), indent=2, allow_nan=False))
         return 0
     for row in found:
+        if not (row.scanned and row.generated):
+            say(f"{MEASURES[row.name]:<36} not fitted: at least three gyrations are needed")
+            continue
         say(f"{MEASURES[row.name]:<36} scanned {sum(row.scanned) / len(row.scanned):.4f}, generated less scanned "
             f"{row.difference:+.4f} ({row.interval[0]:+.4f} to {row.interval[1]:+.4f}), margin {row.margin:g}: "
             f"{row.verdict}")  # fmt: skip
@@ -206,7 +211,7 @@ def scales(
              "stiffness_factors": _numbers("stiffness-factors", stiffness_factors)}  # fmt: skip
     study = Study(population=population, seeds=seeds, seed=seed, count=count, gyrations=gyrations,
                   min_size=parse_length(min_size), gradation=gradation,
-                  **{name: values for name, values in lists.items() if values})  # fmt: skip
+                  **{name: values for name, values in lists.items() if values is not None})  # fmt: skip
     resolve_device(device)
 
     def told(line: str) -> None:
@@ -235,8 +240,19 @@ def scales(
     return 0
 
 
-def _numbers(option: str, given: list[str] | None) -> tuple[float, ...]:
-    """Numbers separated by commas or spaces."""
+def _finite(value: Any) -> Any:
+    """Plain values with None for numbers that are none, which JSON cannot hold."""
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _numbers(option: str, given: list[str] | None) -> tuple[float, ...] | None:
+    """Numbers separated by commas or spaces; None where the option is not given."""
+    if given is None:
+        return None
     from lithoform.errors import RecipeError
 
     try:

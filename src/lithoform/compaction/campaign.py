@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
 from lithoform.atomic import atomic_write, make_folder
 from lithoform.compaction.request import Request
-from lithoform.compaction.run import NUMBERS_FILE, run_compaction
-from lithoform.database.engine import require_workers, spread
-from lithoform.errors import OutputError
+from lithoform.compaction.run import NUMBERS_FILE, check_request, require_stiffness, run_compaction
+from lithoform.database.engine import has_dask, require_workers, spread
+from lithoform.errors import LithoformError, OutputError
 from lithoform.locking import LOCK_FILE, folder_lock
 from lithoform.progress import track
 from lithoform.warp_runtime import every_gpu
@@ -51,7 +53,8 @@ def run_campaign(
         As `lithoform.dem.simulate`. Local runs take all NVIDIA GPUs in turn, one worker each unless told otherwise;
         the workers of a scheduler choose themselves.
     workers, scheduler
-        As `lithoform.database.engine.spread`; a worker makes a run on one thread.
+        As `lithoform.database.engine.spread`, a worker making a run on one thread; but with 0 workers, or without
+        Dask, this process makes one run after another on all processors.
     resume : bool
         Go on with the plan that the folder holds.
     progress : bool
@@ -72,18 +75,25 @@ def run_campaign(
         As `lithoform.compaction.run.run_compaction`, with the name of the run; those that were done are kept.
     """
     require_workers(workers, scheduler)
+    _check(plan, device)
+    in_process = workers == 0 or not (scheduler or has_dask())
     make_folder(out)
     with folder_lock(out):
         _begin(out, settings, what, resume=resume)
         devices = [device] if scheduler else every_gpu(device)
         if workers is None and devices[0].startswith("cuda"):
             workers = len(devices)
-        jobs = [{"request": request, "out": str(out / RUNS_FOLDER / name), "device": devices[k % len(devices)]}
+        jobs = [{"request": _placed(request), "out": str(out.resolve() / RUNS_FOLDER / name),
+                 "device": devices[k % len(devices)], "threads": None if in_process else 1}
                 for k, (name, request) in enumerate(plan)]  # fmt: skip
         open_jobs = [job for job in jobs if _results_of(job["out"]) is None]
         if len(open_jobs) < len(jobs):
             told(f"{len(jobs) - len(open_jobs)} of {len(jobs)} runs are there.")
-        done = spread(_work, iter(open_jobs), workers=workers, scheduler=scheduler)
+        if in_process:
+            # One after another in the main thread, which Ctrl-C reaches; each takes all processors.
+            done = map(_work, open_jobs)
+        else:
+            done = spread(_work, iter(open_jobs), workers=workers, scheduler=scheduler)
         for name, seconds in track(done, total=len(open_jobs), what="runs", enabled=progress):
             told(f"{name}: {seconds:.0f} s")
         return [_required(job["out"]) for job in jobs]
@@ -93,14 +103,16 @@ def _begin(out: Path, settings: dict[str, Any], what: str, *, resume: bool) -> N
     path = out / PLAN_FILE
     if path.exists():
         try:
-            former = json.loads(path.read_bytes())["settings"]
+            former = dict(json.loads(path.read_bytes())["settings"])
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise OutputError(f"{path} is damaged: name another folder.") from error
         differing = sorted(key for key in {*former, *settings} if former.get(key) != settings.get(key))
-        if differing:
+        if differing and any((out / RUNS_FOLDER).glob("*")):
             raise OutputError(f"{out} holds an experiment or a study with other settings ({', '.join(differing)}): go "
                               "on with the same command, or name another folder.")  # fmt: skip
-        if not resume:
+        if differing:
+            atomic_write(path, json.dumps({"settings": settings}, indent=2).encode())
+        elif not resume:
             raise OutputError(f"{out} holds this {what} already: --resume goes on, or name another folder.")
     elif any(path.name != LOCK_FILE for path in out.iterdir()):
         raise OutputError(f"the folder {out} is not empty: name another.")
@@ -113,8 +125,39 @@ def _work(job: dict[str, Any]) -> tuple[str, float]:
     """A run, in a worker."""
     out = Path(job["out"])
     resume = (out / NUMBERS_FILE).exists()
-    results = run_compaction(job["request"], out, device=job["device"], threads=1, resume=resume)
+    with _naming(out.name):
+        results = run_compaction(job["request"], out, device=job["device"], threads=job["threads"], resume=resume)
     return out.name, results["seconds"]
+
+
+def _check(plan: Sequence[tuple[str, Request]], device: str) -> None:
+    """Refuse a plan of which a run would be refused, as far as that can be told without the meshes."""
+    drawn: set[tuple[Any, ...]] = set()
+    # First what needs no population.
+    for name, request in plan:
+        with _naming(name):
+            require_stiffness(request)
+    for name, request in plan:
+        key = (request.population, request.preset, request.gradation, request.curve, request.min_size, request.count,
+               request.mould, request.select)  # fmt: skip
+        if key not in drawn:
+            with _naming(name):
+                check_request(request, device=device)
+        drawn.add(key)
+
+
+@contextlib.contextmanager
+def _naming(run: str) -> Iterator[None]:
+    """Errors with the name of the run."""
+    try:
+        yield
+    except LithoformError as error:
+        raise type(error)(f"{run}: {error}") from error
+
+
+def _placed(request: Request) -> Request:
+    """The same for a process that works in another folder."""
+    return replace(request, population=request.population.resolve())
 
 
 def _results_of(out: str) -> dict[str, Any] | None:

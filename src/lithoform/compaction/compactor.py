@@ -111,12 +111,18 @@ class Machine:
         rate = _QUASI_STATIC / (diameter * math.sqrt(density / self.protocol.pressure))
         return min(_PLATEN_SPEED, rate * self.loose_height)
 
-    def scales(self, *, threads: int | None = None) -> Scales:
-        """Time scales of the gyrations, with their cost."""
-        gyrations = self.protocol.gyrations / self.frequency
+    @property
+    def expected_steps(self) -> int:
+        """Of the whole run, about: the fall, the platen coming down by half of the loose height, the gyrations."""
+        fall = schedule(self.specimen.model, _loose(self), self.dt).expected
+        press = 0.5 * self.loose_height / self.approach / self.dt
+        return round(fall + press + (_RAMP + self.protocol.gyrations) * LOOKS * self.every)
+
+    def scales(self, *, steps: int = 0, threads: int | None = None) -> Scales:
+        """Time scales of the gyrations, with the cost of so many steps."""
         # A layer at height z goes round a circle of radius z tan(angle): the rate of shear turns, its size is constant.
         return scales(self.specimen.model, self.protocol.pressure, 2.0 * math.pi * self.protocol.shear * self.frequency,
-                      duration=gyrations, dt=self.dt, threads=threads)  # fmt: skip
+                      duration=steps * self.dt, dt=self.dt, threads=threads)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,6 +164,7 @@ class Compaction:
 @dataclass
 class _Progress:
     told: Callable[[str], object]
+    begin: Callable[[str, int, int], object]
     on_look: Callable[[str, Model, State, Look], object]
     notes: list[str] = field(default_factory=list)
 
@@ -171,6 +178,7 @@ class _Progress:
 
 def compact(
     machine: Machine, folder: Path, *, told: Callable[[str], object] = lambda _: None,
+    on_begin: Callable[[str, int, int], object] = lambda *_: None,
     on_look: Callable[[str, Model, State, Look], object] = lambda *_: None,
     on_stage: Callable[[str, Model, State], object] = lambda *_: None, **how: Any,
 ) -> Compaction:  # fmt: skip
@@ -183,6 +191,8 @@ def compact(
         For checkpoints and looks.
     told : callable
         Is told what happens, a sentence at a time.
+    on_begin : callable
+        Called with the name of each stage, the step at which it begins, and the steps that it takes at most.
     on_look : callable
         Called with the stage, the model, the state and each new look.
     on_stage : callable
@@ -198,12 +208,13 @@ def compact(
         If the simulation fails.
     """
     specimen, dt = machine.specimen, machine.dt
-    progress = _Progress(told, on_look)
+    progress = _Progress(told, on_begin, on_look)
     records = {name: Record(folder / name) for name in STAGES}
     common: dict[str, Any] = {"dt": dt, "diameter": specimen.diameter}
 
     start = _loose(machine)
     plan = schedule(specimen.model, start, dt)
+    progress.begin("deposition", 0, plan.steps)
     state = deposit(specimen.model, start, records["deposition"], every=plan.every, fastest=plan.fastest,
                     longest=plan.steps, on_look=progress.of("deposition"), **common, **how)  # fmt: skip
     on_stage("deposition", specimen.model, state)
@@ -222,13 +233,15 @@ def compact(
                         apex=0.5 * pressed["height"], ramp=ramp * dt)  # fmt: skip
     # The platen may now be as fast as it takes to hold its force.
     model = model.with_motion(PLATEN, machine.servo)
+    progress.begin("tilting", state.step, ramp)
     state = stage(model.with_motion(MOULD, gyration.tilting), state, records["tilting"], every=machine.every,
                   longest=ramp, gyrations=lambda _: 0.0, done=lambda _: False, on_look=progress.of("tilting"), how=how,
                   **common)  # fmt: skip
     on_stage("tilting", model, state)
     model = model.with_motion(MOULD, gyration.precessing)
-    state = stage(model, state, records["gyration"], every=machine.every,
-                  longest=machine.protocol.gyrations * LOOKS * machine.every,
+    longest = machine.protocol.gyrations * LOOKS * machine.every
+    progress.begin("gyration", state.step, longest)
+    state = stage(model, state, records["gyration"], every=machine.every, longest=longest,
                   gyrations=lambda steps: steps / (LOOKS * machine.every),
                   done=lambda rows: rows[-1]["height"] <= machine.target, on_look=progress.of("gyration"), how=how,
                   **common)  # fmt: skip
@@ -268,6 +281,7 @@ def _press(
     every = max(1, round(max(_PRESS_LOOK, height / machine.approach / _PRESS_LOOKS) / machine.dt))
     longest = math.ceil((height / machine.approach + _PRESS_MORE) / (every * machine.dt)) * every
     pressure = share * machine.protocol.pressure
+    progress.begin(record.path.name, state.step, longest)
     return stage(
         model, state, record, every=every, longest=longest, gyrations=lambda _: 0.0,
         done=lambda rows: rows[-1]["height"] <= machine.loose_height or _carries(rows, pressure),
@@ -303,7 +317,8 @@ def _finished(
     if not reached:
         progress.note(
             f"The height of {1e3 * machine.target:.2f} mm was not reached in {last['gyration']:g} gyrations: the "
-            f"specimen is {1e3 * last['height']:.2f} mm high. All that was reached is kept; --gyrations allows more."
+            f"specimen is {1e3 * last['height']:.2f} mm high. All that was reached is kept; --resume with more "
+            "--gyrations goes on."
         )
     whole = [row for row in looks["gyration"] if abs(row["gyration"] - round(row["gyration"])) < 1e-6]
     made = [row for row in whole if row["gyration"] >= 1.0]

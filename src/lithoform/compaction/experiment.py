@@ -233,6 +233,7 @@ def _compared(name: str, rows: list[dict[str, Any]]) -> Comparison:
     scanned = np.array([value for (_, sample), value in values.items() if sample == 0])
     generated = np.array([value for (_, sample), value in values.items() if sample > 0])
     groups = [[value for (c, sample), value in values.items() if c == case and sample] for case in _cases(values)]
+    groups = [group for group in groups if group]
     free = sum(len(group) - 1 for group in groups)
     within = sum(float(np.var(group) * len(group)) for group in groups)
     difference = float(generated.mean() - scanned.mean()) if len(scanned) and len(generated) else math.nan

@@ -6,7 +6,7 @@ import dataclasses
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from lithoform.compaction.protocol import Protocol, find_preset
 from lithoform.errors import RecipeError
@@ -14,6 +14,11 @@ from lithoform.seeds import MAX_SEED
 from lithoform.sidecar import program_version
 
 __all__ = ["Request"]
+
+
+# Of the options of the command, in SI units.
+_MILLI, _KILO = (" mm", 1e-3), (" kPa", 1e3)
+_UNITS: Final = {"min_size": _MILLI, "mould": _MILLI, "to_height": _MILLI, "pressure": _KILO}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,7 +84,11 @@ class Request:
             if value is None and name in ("mould", "to_height", "count", "pressure", "gyrations"):
                 continue
             if not (isinstance(value, (int, float)) and math.isfinite(value) and low <= value <= high):
-                raise RecipeError(f"expected --{name.replace('_', '-')} from {low:g} to {high:g}; got {value!r}.")
+                unit, scale = _UNITS.get(name, ("", 1.0))
+                got = f"{value / scale:g}" if isinstance(value, (int, float)) else repr(value)
+                raise RecipeError(
+                    f"expected --{name.replace('_', '-')} from {low / scale:g} to {high / scale:g}{unit}; got {got}."
+                )
 
     @property
     def protocol(self) -> Protocol:

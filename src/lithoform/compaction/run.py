@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
 import time
@@ -13,21 +14,24 @@ from typing import Any, Final
 import numpy as np
 
 from lithoform.atomic import atomic_write
-from lithoform.compaction.compactor import LOOKS, STAGES, Compaction, Machine, compact
+from lithoform.compaction.compactor import STAGES, Compaction, Machine, compact
+from lithoform.compaction.protocol import find_preset
 from lithoform.compaction.request import Request
-from lithoform.compaction.specimen import Plan, Specimen, make_specimen
+from lithoform.compaction.specimen import Plan, Specimen, check_specimen, make_specimen
 from lithoform.compaction.stages import Look
 from lithoform.database.store import Store
-from lithoform.dem import Model, State, VtkSeries, scales, write_table
-from lithoform.errors import OutputError, SceneError
+from lithoform.dem import TABLE_10, Model, State, VtkSeries, write_table
+from lithoform.dem.scales import stiffness_number
+from lithoform.errors import LithoformError, OutputError, SceneError
 from lithoform.gradation.curves import find_gradation
 from lithoform.locking import folder_lock
 from lithoform.packing.failing import naming_stones
 from lithoform.packing.results import blocks_csv, deepest_overlap
 from lithoform.progress import counted
 from lithoform.result_folder import ResultFolder
+from lithoform.warp_runtime import resolve_device
 
-__all__ = ["FOLDER", "Drawing", "run_compaction"]
+__all__ = ["FOLDER", "Drawing", "check_request", "require_stiffness", "run_compaction"]
 
 NUMBERS_FILE: Final = "compaction.json"
 TABLE_FILE: Final = "table.parquet"
@@ -121,22 +125,25 @@ def run_compaction(
     """
     if overwrite and resume:
         raise OutputError("--overwrite starts anew and --resume goes on; give one of them.")
-    protocol = request.protocol
-    plan = Plan(gradation=find_gradation(request.gradation), min_size=request.min_size, curve=request.curve,
-                count=request.count, mould=request.mould, select=request.select, seed=request.seed,
-                stiffness_factor=request.stiffness_factor)  # fmt: skip
+    protocol, plan = request.protocol, _plan(request)
+    require_stiffness(request)
     store, settings = Store(request.population), request.settings()
-    FOLDER.check(out, settings, overwrite=overwrite, resume=resume)
+
+    def may_grow(asked: dict[str, Any]) -> bool:
+        return _is_longer(settings, asked)
+
+    FOLDER.check(out, settings, overwrite=overwrite, resume=resume, may_grow=may_grow)
     with folder_lock(out):
-        former = FOLDER.check(out, settings, overwrite=overwrite, resume=resume)
-        if resume and former is not None and former["finished"]:
+        former = FOLDER.check(out, settings, overwrite=overwrite, resume=resume, may_grow=may_grow)
+        if resume and former is not None and former["finished"] and former["settings"] == settings:
             return former["results"]
         specimen = make_specimen(store, plan, protocol, threads=threads, device=device, progress=progress, told=told)
         machine = Machine(specimen=specimen, protocol=protocol, rate_factor=request.rate_factor, seed=request.seed)
-        _require_stiffness(machine, request.stiffness_factor)
-        for line in introduction(machine, request, threads=threads):
+        for line in introduction(machine, request, device=device, threads=threads):
             told(line)
-        if former is None or not resume:
+        if FOLDER.goes_on(former, resume=resume):
+            FOLDER.write(out, settings, {"seconds": _spent(former)}, finished=False)
+        else:
             FOLDER.clear(out, settings)
             former = None
         FOLDER.remove_unfinished(out)
@@ -145,23 +152,60 @@ def run_compaction(
             return _make(machine, request, out, settings, _spent(former), device, threads, progress, told, draw)
 
 
-def _require_stiffness(machine: Machine, factor: float) -> None:
+def check_request(request: Request, *, threads: int | None = None, device: str = "auto") -> None:
+    """Find out what is wrong with a request, as far as that can be told without the meshes.
+
+    Raises
+    ------
+    RecipeError, SceneError, SampleError, FileFormatError
+        As `run_compaction`.
+    """
+    require_stiffness(request)
+    check_specimen(Store(request.population), _plan(request), request.protocol, threads=threads, device=device)
+
+
+def require_stiffness(request: Request) -> None:
     """Refuse stones that the platen would press into one another: chains carry ten times the mean."""
-    overlap = 1.0 / scales(machine.specimen.model, machine.protocol.pressure).kappa
+    factor, pressure = request.stiffness_factor, request.protocol.pressure
+    overlap = 1.0 / stiffness_number(TABLE_10.softened(factor), pressure)
     if overlap > _SOFTEST:
-        needed = factor * (overlap / _SOFTEST) ** 1.5
+        needed = 1.005 * factor * (overlap / _SOFTEST) ** 1.5
+        way = f"at least --stiffness-factor {needed:.2g}, or a smaller --pressure" if needed <= 1.0 else (
+            "a smaller --pressure"
+        )  # fmt: skip
         raise SceneError(
             f"expected stones that are pressed at most {_SOFTEST:g} of a radius into one another on the average; at "
-            f"{machine.protocol.pressure / 1e3:g} kPa with --stiffness-factor {factor:g} it would be {overlap:.2g}: "
-            f"give at least --stiffness-factor {min(1.0, 1.005 * needed):.2g}, or a smaller --pressure."
+            f"{pressure / 1e3:g} kPa with --stiffness-factor {factor:g} it would be {overlap:.2g}: give {way}."
         )
 
 
-def introduction(machine: Machine, request: Request, *, threads: int | None = None) -> list[str]:
+def _plan(request: Request) -> Plan:
+    return Plan(gradation=find_gradation(request.gradation), min_size=request.min_size, curve=request.curve,
+                count=request.count, mould=request.mould, select=request.select, seed=request.seed,
+                stiffness_factor=request.stiffness_factor)  # fmt: skip
+
+
+def _is_longer(settings: dict[str, Any], former: dict[str, Any]) -> bool:
+    """Whether settings differ from former ones by more gyrations or a lower height alone: what was made stays right."""
+    if any(settings.get(key) != former.get(key) for key in {*settings, *former} - {"gyrations", "to_height"}):
+        return False
+    ends = []
+    for told in (settings, former):
+        try:
+            changes = {"gyrations": told["gyrations"], "height": told["to_height"]}
+            ends.append(find_preset(told["preset"]).changed(**changes))
+        except (KeyError, TypeError, LithoformError):
+            return False
+    return ends[0].gyrations >= ends[1].gyrations and ends[0].height <= ends[1].height
+
+
+def introduction(machine: Machine, request: Request, *, device: str = "auto", threads: int | None = None) -> list[str]:
     """What there is to know before a run, in sentences."""
     specimen, protocol = machine.specimen, machine.protocol
     model, modulus = specimen.model, specimen.model.materials[0].youngs_modulus
     differing = specimen.grading.largest_difference
+    # How fast a GPU is here is not known before it has run.
+    steps = machine.expected_steps if resolve_device(device) == "cpu" else 0
     stiffness = f"Young's modulus {modulus / 1e6:,.4g} MPa"
     if request.stiffness_factor != 1.0:
         stiffness += f" instead of 55,000 MPa (--stiffness-factor {request.stiffness_factor:g})"
@@ -179,7 +223,7 @@ def introduction(machine: Machine, request: Request, *, threads: int | None = No
         *specimen.scaled(protocol),
         done,
         f"Material of stones, mould and platens: Table 10, {stiffness}. Local damping: none.",
-        f"Scales of the gyrations: {machine.scales(threads=threads).text()}.",
+        f"Scales of the gyrations, and cost of the whole run: {machine.scales(steps=steps, threads=threads).text()}.",
     ]
 
 
@@ -191,25 +235,20 @@ def _make(
     began = noted = time.perf_counter()
     states: dict[str, tuple[Model, State]] = {}
     series = VtkSeries(out / VTK_FOLDER, machine.specimen.model, surface="hull") if request.vtk else None
-    gyrating = machine.protocol.gyrations * LOOKS * machine.every
 
-    with counted(gyrating, what="steps of the gyrations", enabled=progress) as advance:
-        made = 0
+    with _Bars(progress) as bars:
 
         def on_look(stage: str, model: Model, state: State, row: Look) -> None:
-            nonlocal made, noted
+            nonlocal noted
             if time.perf_counter() - noted > _NOTED:
                 noted = time.perf_counter()
                 FOLDER.write(out, settings, {"seconds": before + noted - began}, finished=False)
-            if stage == "gyration":
-                now = round(row["gyration"] * LOOKS) * machine.every
-                advance(now - made)
-                made = now
+            bars.advance(state.step)
             whole = abs(row["gyration"] - round(row["gyration"])) < 1e-6
             if series is not None and stage == "gyration" and whole:
                 series(model, state)
 
-        done = compact(machine, out, told=told, on_look=on_look, device=device, threads=threads,
+        done = compact(machine, out, told=told, on_begin=bars.begin, on_look=on_look, device=device, threads=threads,
                        on_stage=lambda name, model, state: states.update({name: (model, state)}))  # fmt: skip
     results = {**_results(done), "seconds": round(before + time.perf_counter() - began, 3)}
     _write(out, done, settings)
@@ -220,9 +259,31 @@ def _make(
     return results
 
 
+class _Bars(contextlib.ExitStack):
+    """A bar for each stage, of the steps that it may take."""
+
+    def __init__(self, enabled: bool) -> None:
+        super().__init__()
+        self._enabled = enabled
+        self._step = 0
+        self._more: Callable[[int], None] = lambda _: None
+
+    def begin(self, name: str, step: int, longest: int) -> None:
+        """A stage begins at a step, and takes so many at most."""
+        self.close()
+        self._step = step
+        self._more = self.enter_context(counted(longest, what=f"steps of {name}, at most", enabled=self._enabled))
+
+    def advance(self, step: int) -> None:
+        """A step is reached."""
+        self._more(step - self._step)
+        self._step = step
+
+
 def _spent(former: dict[str, Any] | None) -> float:
     """Wall-clock time that a run that was stopped has taken [s]."""
-    seconds = (former or {}).get("seconds", 0.0)
+    told = former or {}
+    seconds = told.get("seconds", (told.get("results") or {}).get("seconds", 0.0))
     return float(seconds) if isinstance(seconds, (int, float)) and seconds >= 0.0 else 0.0
 
 

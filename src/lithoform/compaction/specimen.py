@@ -19,7 +19,7 @@ from lithoform.gradation.curves import Gradation
 from lithoform.parallel import in_order
 from lithoform.progress import track
 
-__all__ = ["LEAST_HEIGHT", "LEAST_WIDTH", "LOOSE", "Plan", "Specimen", "make_specimen"]
+__all__ = ["LEAST_HEIGHT", "LEAST_WIDTH", "LOOSE", "Plan", "Specimen", "check_specimen", "make_specimen"]
 
 LOOSE: Final = 0.53
 """Packing density for which the mass is chosen: the middle of what the paper's loose mixtures have."""
@@ -27,7 +27,7 @@ LOOSE: Final = 0.53
 LEAST_WIDTH: Final = 4.0
 """Diameter of the mould over the largest sieve size, at least."""
 
-LEAST_HEIGHT: Final = 1.5
+LEAST_HEIGHT: Final = 1.0
 """Height of the loose specimen over the largest sieve size, at least."""
 
 # Different stones in memory, about 1 MB each; and how often one may be taken on the average.
@@ -159,6 +159,37 @@ def make_specimen(
         If the mould is too narrow for the largest stone.
     """
     rng = np.random.default_rng([plan.seed, 0])
+    candidates, grading, diameter = _drawn(store, plan, protocol, rng, threads=threads, device=device,
+                                           progress=progress)  # fmt: skip
+    order = rng.permutation(len(grading))
+    used, which = np.unique(grading.draw.candidates[order], return_inverse=True)
+    shapes, names = _shapes(store, candidates, used, threads=threads, device=device, progress=progress, told=told)
+    walls = (Plane(point=(0.0, 0.0, 0.0), normal=(0.0, 0.0, 1.0)), Cylinder(radius=0.5 * diameter))
+    model = Model(shapes=shapes, materials=(TABLE_10.softened(plan.stiffness_factor),), shape=which,
+                  scale=grading.scales[order], walls=walls)  # fmt: skip
+    loose = float(model.volume.sum()) / (LOOSE * 0.25 * math.pi * diameter**2)
+    return Specimen(model, names, grading, diameter, loose / protocol.loose_height)
+
+
+def check_specimen(
+    store: Store, plan: Plan, protocol: Protocol, *, threads: int | None = None, device: str = "auto"
+) -> None:
+    """Draw the stones of a specimen without making them.
+
+    Raises
+    ------
+    SampleError, RecipeError, SceneError
+        As `make_specimen`.
+    """
+    rng = np.random.default_rng([plan.seed, 0])
+    _drawn(store, plan, protocol, rng, threads=threads, device=device, progress=False)
+
+
+def _drawn(
+    store: Store, plan: Plan, protocol: Protocol, rng: np.random.Generator, *, threads: int | None, device: str,
+    progress: bool,
+) -> tuple[Candidates, Grading, float]:  # fmt: skip
+    """Particles that were chosen from, stones that were drawn, and the diameter of the mould [m]."""
     candidates = _some(store, plan, rng, threads=threads, device=device, progress=progress)
     grading = _graded(candidates, plan, protocol)
     if len(grading) > _MOST_USES * len(candidates):
@@ -177,18 +208,11 @@ def make_specimen(
     height = _solid(grading) / (LOOSE * 0.25 * math.pi * diameter**2)
     if height < LEAST_HEIGHT * largest:
         raise SceneError(
-            f"expected stones that fill the mould at least {LEAST_HEIGHT:g} times as high as the largest sieve size, "
+            f"expected stones that fill the mould at least as high as the largest sieve size, "
             f"{1e3 * largest:.3g} mm; {len(grading)} of them fill one of {1e3 * diameter:.4g} mm to "
             f"{1e3 * height:.3g} mm: take more stones (--count), or a narrower --mould."
         )
-    order = rng.permutation(len(grading))
-    used, which = np.unique(grading.draw.candidates[order], return_inverse=True)
-    shapes, names = _shapes(store, candidates, used, threads=threads, device=device, progress=progress, told=told)
-    walls = (Plane(point=(0.0, 0.0, 0.0), normal=(0.0, 0.0, 1.0)), Cylinder(radius=0.5 * diameter))
-    model = Model(shapes=shapes, materials=(TABLE_10.softened(plan.stiffness_factor),), shape=which,
-                  scale=grading.scales[order], walls=walls)  # fmt: skip
-    loose = float(model.volume.sum()) / (LOOSE * 0.25 * math.pi * diameter**2)
-    return Specimen(model, names, grading, diameter, loose / protocol.loose_height)
+    return candidates, grading, diameter
 
 
 def _some(

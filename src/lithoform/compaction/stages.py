@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -59,8 +60,17 @@ class Record:
         """File of the looks, a line of JSON each."""
         return self.path.with_name(f"{self.path.name}.jsonl")
 
-    def resume(self, model: Model, start: State) -> State:
+    def resume(self, model: Model, start: State, every: int) -> State:
         """The state to go on from, with the looks until then: of the checkpoint, or the start.
+
+        It is the start too where a look is missing, but for one at the step of the checkpoint.
+
+        Parameters
+        ----------
+        model : Model
+        start : State
+        every : int
+            Steps between two looks, the first at the start.
 
         Raises
         ------
@@ -71,8 +81,7 @@ class Record:
         """
         self.rows.clear()
         if not (self.checkpoint.exists() and self.file.exists()):
-            self.file.unlink(missing_ok=True)
-            return start
+            return self._anew(start)
         state = read_checkpoint(self.checkpoint, model)
         try:
             # A run that was killed may leave a last line that is not whole; its step is behind the checkpoint's.
@@ -82,8 +91,20 @@ class Record:
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
             raise OutputError(f"{self.file} is damaged, the run cannot be resumed: give --overwrite to start "
                               "anew.") from error  # fmt: skip
+        steps, expected = [int(row["step"]) for row in self.rows], list(range(start.step, state.step + 1, every))
+        if steps != expected and (steps != expected[:-1] or expected[-1] != state.step):
+            return self._anew(start)
         atomic_write(self.file, b"".join(map(_line, self.rows)))
         return state
+
+    def _anew(self, start: State) -> State:
+        self.rows.clear()
+        try:
+            for path in (self.checkpoint, self.file):
+                path.unlink(missing_ok=True)
+        except OSError as error:
+            raise OutputError(f"cannot remove {error.filename}: {error.strerror or error}.") from error
+        return start
 
     def add(self, row: Look) -> None:
         """Note a look, once a step."""
@@ -92,6 +113,9 @@ class Record:
             try:
                 with self.file.open("ab") as file:
                     file.write(_line(row))
+                    # A checkpoint that outlives a power cut must have its looks.
+                    file.flush()
+                    os.fsync(file.fileno())
             except OSError as error:
                 raise OutputError(f"cannot write {self.file}: {error.strerror or error}.") from error
 
@@ -175,7 +199,7 @@ def deposit(
     **how
         device, threads of `lithoform.dem.simulate`.
     """
-    state = record.resume(model, start)
+    state = record.resume(model, start, every)
     while True:
         at_look = state.step % every == 0
         if at_look:
@@ -223,7 +247,7 @@ def stage(
     """
     # Time counts from here, so that looks are whole numbers of intervals after the start of the stage.
     begun = replace(start, clock=(start.time, start.step, dt))
-    state = record.resume(model, begun)
+    state = record.resume(model, begun, every)
     first = begun.step
 
     def note(model: Model, state: State) -> None:
@@ -232,8 +256,8 @@ def stage(
             record.add(row)
             on_look(model, state, row)
 
-    if not record.rows:
-        note(model, state)
+    if (state.step - first) % every == 0:
+        note(model, state)  # unless it is noted
     if done(record.rows) or state.step >= first + longest:
         return state
     return simulate(

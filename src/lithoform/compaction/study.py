@@ -165,7 +165,8 @@ class Extrapolation:
     name : str
         One of `MEASURES`.
     limit, limit_error : float
-        At I = 1 / kappa = 0, mean of the seeds, and its standard error by the residuals.
+        At I = 1 / kappa = 0, mean of the seeds, and its standard error: by the residuals, or by the scatter of the
+        specimens where that is larger.
     slopes : numpy.ndarray, shape (2,)
         a and b; a is 0 where the rate cannot matter.
     covariance : numpy.ndarray, shape (2, 2)
@@ -279,5 +280,7 @@ def extrapolate(rows: Iterable[dict[str, Any]], name: str) -> Extrapolation:
     slopes, spread = np.zeros(2), np.zeros((2, 2))
     slopes[columns] = found[k:] / scale
     spread[np.ix_(columns, columns)] = covariance[k:, k:] / np.outer(scale, scale)
-    return Extrapolation(name, float(mean @ found), math.sqrt(float(mean @ covariance @ mean)), slopes, spread,
-                         math.sqrt(variance), freedom)  # fmt: skip
+    # Specimens scatter among themselves by more than the residuals: both limits of the error of their mean.
+    among = float(np.std(found[:k], ddof=1)) / math.sqrt(k) if k > 1 else 0.0
+    error = max(math.sqrt(float(mean @ covariance @ mean)), among)
+    return Extrapolation(name, float(mean @ found), error, slopes, spread, math.sqrt(variance), freedom)

@@ -12,7 +12,7 @@ from lithoform.dem.materials import Material
 from lithoform.dem.model import Model
 from lithoform.errors import SceneError
 
-__all__ = ["LARGEST_STEP", "STEP", "Scales", "measured_rate", "rayleigh_time", "scales"]
+__all__ = ["LARGEST_STEP", "STEP", "Scales", "measured_rate", "rayleigh_time", "scales", "stiffness_number"]
 
 # Share of the Rayleigh time: 0.05 to 0.07 is safe; at 0.2 an assembly jitters and densifies falsely.
 STEP = 0.06
@@ -83,6 +83,11 @@ def rayleigh_time(radius: float, material: Material) -> float:
     return math.pi * radius * speed / (0.1631 * material.poisson_ratio + 0.8766)
 
 
+def stiffness_number(material: Material, pressure: float) -> float:
+    """Kappa of a material under a pressure [Pa], (E / ((1 - nu^2) P))^(2/3)."""
+    return (material.youngs_modulus / (1.0 - material.poisson_ratio**2) / pressure) ** (2.0 / 3.0)
+
+
 def scales(
     model: Model,
     pressure: float = 0.0,
@@ -119,9 +124,7 @@ def scales(
     used = sorted({int(m) for m in model.material})
     least = min(rayleigh_time(float(model.radius[model.material == m].min()), model.materials[m]) for m in used)
     step = STEP * least if dt is None else dt
-    softest = min((model.materials[m] for m in used), key=lambda m: m.youngs_modulus / (1.0 - m.poisson_ratio**2))
-    stiffness = softest.youngs_modulus / (1.0 - softest.poisson_ratio**2)
-    kappa = (stiffness / pressure) ** (2.0 / 3.0) if pressure else math.inf
+    kappa = min(stiffness_number(model.materials[m], pressure) for m in used) if pressure else math.inf
     density = float(model.density.mean())
     inertial = rate * 2.0 * math.sqrt(density / pressure) if pressure else 0.0
     median = float(np.median(model.radius))

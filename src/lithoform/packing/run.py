@@ -194,7 +194,7 @@ def pack(
         plan = schedule(model, start, given, request.until)
         names = [stone.name for stone in used]
         with naming_stones(lambda k: names[which[k]], factor, given):
-            if former is None or not resume:
+            if not FOLDER.goes_on(former, resume=resume):
                 # Tried first: a step that fails costs no former packing.
                 simulate(model, start, until=given, dt=given, device=device, threads=threads)
                 FOLDER.clear(out, settings)
