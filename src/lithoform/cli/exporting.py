@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 import time
 from pathlib import Path
+from typing import Annotated
 
-from cyclopts import App
+from cyclopts import App, Parameter
 
 from lithoform.cli.arguments import Flag, Json, Whole
 from lithoform.cli.output import say
@@ -23,6 +24,8 @@ def lammps(
     *,
     out: Path,
     spheres: Whole = 40,
+    stones: Annotated[list[Path] | None, Parameter(consume_multiple=True)] = None,
+    device: str = "auto",
     threads: Whole | None = None,
     overwrite: Flag = False,
     json_: Json = False,
@@ -43,6 +46,10 @@ def lammps(
         Folder for the deck.
     spheres
         Of a clump, at most.
+    stones
+        Where the database or the meshes of the specimen are now [default: where they were].
+    device
+        auto, cpu or cuda: what makes stones from recipes.
     threads
         [default: the processors at hand]; the result does not depend on it.
     overwrite
@@ -52,7 +59,7 @@ def lammps(
     debug
         Show the traceback of an error.
     """
-    return _export("lammps", specimen, out, threads, overwrite, json_, spheres=spheres)
+    return _export("lammps", specimen, out, stones, device, threads, overwrite, json_, spheres=spheres)
 
 
 @export.command
@@ -62,6 +69,8 @@ def liggghts(
     *,
     out: Path,
     spheres: Whole = 40,
+    stones: Annotated[list[Path] | None, Parameter(consume_multiple=True)] = None,
+    device: str = "auto",
     threads: Whole | None = None,
     overwrite: Flag = False,
     json_: Json = False,
@@ -82,6 +91,10 @@ def liggghts(
         Folder for the deck.
     spheres
         Of a clump, at most.
+    stones
+        Where the database or the meshes of the specimen are now [default: where they were].
+    device
+        auto, cpu or cuda: what makes stones from recipes.
     threads
         [default: the processors at hand]; the result does not depend on it.
     overwrite
@@ -91,7 +104,7 @@ def liggghts(
     debug
         Show the traceback of an error.
     """
-    return _export("liggghts", specimen, out, threads, overwrite, json_, spheres=spheres)
+    return _export("liggghts", specimen, out, stones, device, threads, overwrite, json_, spheres=spheres)
 
 
 @export.command
@@ -101,6 +114,8 @@ def yade(
     *,
     out: Path,
     vertices: Whole = 50,
+    stones: Annotated[list[Path] | None, Parameter(consume_multiple=True)] = None,
+    device: str = "auto",
     threads: Whole | None = None,
     overwrite: Flag = False,
     json_: Json = False,
@@ -121,6 +136,10 @@ def yade(
         Folder for the deck.
     vertices
         Of a polyhedron, at most.
+    stones
+        Where the database or the meshes of the specimen are now [default: where they were].
+    device
+        auto, cpu or cuda: what makes stones from recipes.
     threads
         [default: the processors at hand]; the result does not depend on it.
     overwrite
@@ -130,7 +149,7 @@ def yade(
     debug
         Show the traceback of an error.
     """
-    return _export("yade", specimen, out, threads, overwrite, json_, vertices=vertices)
+    return _export("yade", specimen, out, stones, device, threads, overwrite, json_, vertices=vertices)
 
 
 # What the errors of a deck are called, and what they are shares of.
@@ -145,16 +164,19 @@ _TOLD = {
 
 
 def _export(
-    engine: str, specimen: Path, out: Path, threads: int | None, overwrite: bool, json_: bool, **options: int
-) -> int:
+    engine: str, specimen: Path, out: Path, stones: list[Path] | None, device: str, threads: int | None,
+    overwrite: bool, json_: bool, **options: int,
+) -> int:  # fmt: skip
     from lithoform.errors import OutputError
     from lithoform.export.deck import export_deck
     from lithoform.export.scene import read_scene
+    from lithoform.warp_runtime import resolve_device
 
     began = time.perf_counter()
-    if out.resolve() == specimen.resolve():
+    if out.resolve().is_relative_to(specimen.resolve()):
         raise OutputError(f"the deck would lie in the folder of the specimen, {specimen}: name another for --out.")
-    scene = read_scene(specimen, threads=threads, progress=not json_)
+    resolve_device(device)
+    scene = read_scene(specimen, stones=stones or (), device=device, threads=threads, progress=not json_)
     results = export_deck(engine, scene, out, threads=threads, overwrite=overwrite, progress=not json_, **options)
     if json_:
         say(json.dumps({"out": str(out), **results}, indent=2))

@@ -17,6 +17,8 @@ _HALF = wp.constant(wp.float64(0.5))
 _BUDGET = wp.constant(wp.float64(0.004))
 # Vertices do not share a contact where their depths differ by this many times the scale: exp(-20) is 2e-9.
 _NONE = wp.constant(wp.float64(20.0))
+# Depth in a wall that is a fault, in radii of the rounding.
+_DEEPEST = wp.constant(wp.float64(4.0))
 
 
 @wp.struct
@@ -165,8 +167,9 @@ def push_of_wall(scene: Scene, i: wp.int32, wall: wp.int32, path: wp.float64) ->
         gap -= scale * wp.log(weights)
     if former == _ZERO and gap >= _ZERO:
         return result
-    # As deep as two blocks may be in one another.
-    if gap < -wp.float64(2.0) * blocks.margin[i]:
+    # The distance from a wall is known at any depth, unlike that of two cores: a small block that carries the force of
+    # a chain of large ones may be deeper in a wall than in another block.
+    if gap < -_DEEPEST * blocks.margin[i]:
         result.flags = TOO_DEEP
         return result
     toward = -axis  # from the block to the wall

@@ -19,7 +19,7 @@ from lithoform.errors import SceneError
 from lithoform.lazy import cached_property
 from lithoform.mesh import Mesh
 
-__all__ = ["MOST_SPHERES", "SPHERES", "Clump", "make_clump", "surface_points", "union_moments"]
+__all__ = ["MOST_SPHERES", "SPHERES", "Clump", "at_least_two", "make_clump", "surface_points", "union_moments"]
 
 SPHERES: Final = 40
 """Spheres of a clump, at most, unless told."""
@@ -29,7 +29,7 @@ MOST_SPHERES: Final = 500
 # Lengths in radii of the sphere of equal volume. A point of the surface is covered by a sphere whose surface is as near
 # as the first of these; where the spheres do not suffice, as the next, and so on, until less than this share is bare:
 # else stones would lack their corners.
-_COVERED: Final = (0.03, 0.045, 0.07, 0.1)
+_COVERED: Final = (0.03, 0.045, 0.07, 0.1, 0.15, 0.22, 0.33)
 _BARE: Final = 0.03
 # Smaller spheres than that are not taken; centres begin on a grid of this spacing.
 _SMALLEST, _SPACING = 0.1, 0.12
@@ -43,6 +43,10 @@ _LEAST_GAIN: Final = 5e-4
 # measured at the points by which it was set.
 _FITTED, _MEASURED = 72, 90
 _SEED: Final = 0
+# Rows of a table of distances at a time.
+_BLOCK: Final = 1024
+# Points on each sphere at which its distance from the surface is measured.
+_ON_SPHERE: Final = 200
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,8 +66,10 @@ class Clump:
     inertia_error : float
         Largest component of the difference of the tensors of inertia, the union's at the mass of the shape, over the
         largest principal moment. What a deck says of a body is not this inertia but that of the shape.
-    mean_distance, max_distance : float
+    mean_distance : float
         Of points of the surface of the shape from that of the union, over the radius of the sphere of equal volume.
+    max_distance : float
+        The largest of these, or of points of the surface of the union from that of the shape.
     """
 
     centres: np.ndarray
@@ -107,11 +113,42 @@ def make_clump(shape: Shape, spheres: int = SPHERES) -> Clump:
     mesh = shape.mesh
     if mesh is None:
         return Clump(np.zeros((1, 3)), np.array([shape.radius]))
-    points, normals = surface_points(mesh, _POINTS)
-    centres, radii = _inscribed(points, normals, shape.radius)
-    chosen = _cover(points, centres, radii, shape.radius, spheres)
-    return _with_errors(Clump(centres[chosen], radii[chosen] + _growth(centres[chosen], radii[chosen], shape)), shape,
-                        points)  # fmt: skip
+    surface = _Surface(*surface_points(mesh, _POINTS), float(np.linalg.norm(mesh.area_vectors, axis=1).sum()))
+    centres, radii = _inscribed(surface, shape.radius)
+    chosen = _cover(surface.points, centres, radii, shape.radius, spheres)
+    centres, radii = centres[chosen], radii[chosen]
+    radii = radii + _growth(centres, radii, shape)
+    if radii.min() <= 0.0:
+        raise SceneError(
+            "expected a stone that spheres inside of it can stand for; one of them would vanish when their union gets "
+            f"the volume of the stone: give another number of spheres than {spheres}."
+        )
+    return _with_errors(Clump(centres, radii), shape, surface)
+
+
+@dataclass(frozen=True, eq=False)
+class _Surface:
+    """Points spread evenly over a surface, outward normals there, and its area [m^2]."""
+
+    points: np.ndarray
+    normals: np.ndarray
+    area: float
+
+    def is_around(self, at: np.ndarray) -> np.ndarray:
+        """Whether places are in the body, by the solid angle that the surface takes up there: 4 pi, or 0 outside."""
+        inside = np.zeros(len(at), dtype=bool)
+        heights = (self.normals * self.points).sum(axis=1)
+        for k in range(0, len(at), _BLOCK):
+            some = at[k : k + _BLOCK]
+            angles = (heights - some @ self.normals.T) / np.maximum(_distances(some, self.points), 1e-300) ** 3
+            inside[k : k + _BLOCK] = angles.sum(axis=1) * self.area / len(self.points) > 2.0 * math.pi
+        return inside
+
+
+def _distances(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    from scipy.spatial.distance import cdist
+
+    return cdist(a, b)
 
 
 def surface_points(mesh: Mesh, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -146,44 +183,36 @@ def union_moments(centres: np.ndarray, radii: np.ndarray, across: int) -> tuple[
     return cell * len(inside), cell * inside.sum(axis=0), cell * np.einsum("ij,ik->jk", inside, inside)
 
 
-def _inscribed(points: np.ndarray, normals: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
+def _inscribed(surface: _Surface, radius: float) -> tuple[np.ndarray, np.ndarray]:
     """Centres and radii of balls in a body that touch its surface at more than one point, or nearly."""
     from scipy.spatial import cKDTree
 
+    points = surface.points
     tree = cKDTree(points)
     step = _SPACING * radius
     low, high = points.min(axis=0), points.max(axis=0)
     counts = np.ceil((high - low) / step).astype(int) + 1
     axes = [0.5 * (a + b) + step * (np.arange(n) - 0.5 * (n - 1)) for a, b, n in zip(low, high, counts, strict=True)]
     centres = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    centres = centres[_is_inside(tree, points, normals, centres)]
+    centres = centres[surface.is_around(centres)]
     for _ in range(_STEPS):
         distance, nearest = tree.query(centres)
         away = (centres - points[nearest]) / np.where(distance > 0.0, distance, 1.0)[:, None]
         centres = centres + step * away
         step *= _SHRINK
     radii = np.asarray(tree.query(centres)[0])
-    keep = (radii >= _SMALLEST * radius) & _is_inside(tree, points, normals, centres)
+    # Some have left the body across a thin edge, and would grow outside.
+    keep = (radii >= _SMALLEST * radius) & surface.is_around(centres)
     if not keep.any():
         # A body thinner than the grid: as few as it has, from the inner side of each point of the surface.
-        centres, radii = points - 0.5 * _SMALLEST * radius * normals, np.full(len(points), 0.5 * _SMALLEST * radius)
-        return centres, radii
+        small = 0.5 * _SMALLEST * radius
+        return points - small * surface.normals, np.full(len(points), small)
     return centres[keep], radii[keep]
-
-
-def _is_inside(tree: object, points: np.ndarray, normals: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Whether places are in the body: most of the nearest pieces of the surface look away from there."""
-    _, near = tree.query(at, k=5)  # pyright: ignore[reportAttributeAccessIssue]
-    return ((points[near] - at[:, None]) * normals[near]).sum(axis=2).mean(axis=1) > 0.0
 
 
 def _cover(points: np.ndarray, centres: np.ndarray, radii: np.ndarray, radius: float, most: int) -> np.ndarray:
     """Numbers of the balls that cover the surface, to the smallest distance to which so many balls can."""
-    # In blocks: the table of vectors between all would take hundreds of megabytes.
-    blocks = [slice(k, k + 256) for k in range(0, len(centres), 256)]
-    gaps = np.concatenate([
-        (np.linalg.norm(points[None] - centres[b, None], axis=2) - radii[b, None]).astype(np.float32) for b in blocks
-    ])  # fmt: skip
+    gaps = (_distances(points, centres) - radii).astype(np.float32)
     chosen = np.zeros(0, dtype=int)
     for tolerance in _COVERED:
         chosen, bare = _greedy(gaps <= tolerance * radius, radii, most)
@@ -193,17 +222,26 @@ def _cover(points: np.ndarray, centres: np.ndarray, radii: np.ndarray, radius: f
 
 
 def _greedy(covers: np.ndarray, radii: np.ndarray, most: int) -> tuple[np.ndarray, float]:
-    """Numbers of the balls, the one that covers most of what is bare first; and the share that stays bare."""
-    bare = np.ones(covers.shape[1], dtype=bool)
+    """Numbers of the balls, the one that covers most of what is bare first; and the share that stays bare.
+
+    Parameters
+    ----------
+    covers : numpy.ndarray of bool, shape (points, balls)
+    radii : numpy.ndarray, shape (balls,)
+    most : int
+    """
+    bare = np.ones(len(covers), dtype=bool)
+    gain = covers.sum(axis=0)
     chosen: list[int] = []
     while len(chosen) < most and bare.any():
-        gain = covers[:, bare].sum(axis=1)
         # Of equal ones the larger ball, and of these the first.
         best = int(np.lexsort((-radii, -gain))[0])
         if chosen and gain[best] < max(1.0, _LEAST_GAIN * len(bare)):
             break
         chosen.append(best)
-        bare &= ~covers[best]
+        covered = bare & covers[:, best]
+        gain = gain - covers[covered].sum(axis=0)
+        bare &= ~covered
     return np.array(chosen), float(bare.mean())
 
 
@@ -241,17 +279,43 @@ def _heights(points: np.ndarray, centres: np.ndarray, radii: np.ndarray) -> np.n
     return least
 
 
-def _with_errors(clump: Clump, shape: Shape, points: np.ndarray) -> Clump:
+def _with_errors(clump: Clump, shape: Shape, surface: _Surface) -> Clump:
     volume, first, second = union_moments(clump.centres, clump.radii, _MEASURED)
     centroid = first / volume
     about = second / volume - np.outer(centroid, centroid)
     inertia = shape.volume * (np.trace(about) * np.eye(3) - about)
-    apart = np.abs(_heights(points, clump.centres, clump.radii)) / shape.radius
+    apart = np.abs(_heights(surface.points, clump.centres, clump.radii)) / shape.radius
     return replace(
         clump,
         volume_error=volume / shape.volume - 1.0,
         centre_error=float(np.linalg.norm(centroid)) / shape.radius,
         inertia_error=float(np.abs(inertia - np.diag(shape.inertia)).max() / shape.inertia.max()),
         mean_distance=float(apart.mean()),
-        max_distance=float(apart.max()),
+        max_distance=max(float(apart.max()), _farthest(clump, surface) / shape.radius),
     )
+
+
+def _farthest(clump: Clump, surface: _Surface) -> float:
+    """Largest distance of a point of the surface of the union from that of the shape [m]."""
+    from scipy.spatial import cKDTree
+
+    # A spiral of points that are spread evenly over a sphere.
+    k = np.arange(_ON_SPHERE) + 0.5
+    heights, turn = 1.0 - 2.0 * k / _ON_SPHERE, math.pi * (1.0 + 5.0**0.5) * k
+    across = np.sqrt(1.0 - heights**2)
+    unit = np.stack([across * np.cos(turn), across * np.sin(turn), heights], axis=1)
+    places = (clump.centres[:, None] + clump.radii[:, None, None] * unit).reshape(-1, 3)
+    places = places[_heights(places, clump.centres, clump.radii) > -1e-9 * clump.reach]
+    distance, nearest = cKDTree(surface.points).query(places)
+    # Near the surface from its tangent plane: the nearest of the points lies aside.
+    beside = np.abs(((places - surface.points[nearest]) * surface.normals[nearest]).sum(axis=1))
+    spacing = math.sqrt(surface.area / len(surface.points))
+    return float(np.where(distance < 3.0 * spacing, beside, distance).max())
+
+
+def at_least_two(clump: Clump) -> Clump:
+    """The clump with a second sphere where it has one, inside of it, which touches nothing: engines ask for two."""
+    if len(clump) > 1:
+        return clump
+    return replace(clump, centres=np.repeat(clump.centres, 2, axis=0),
+                   radii=np.concatenate([clump.radii, 0.5 * clump.radii]))  # fmt: skip

@@ -10,7 +10,7 @@ import numpy as np
 
 from lithoform.atomic import atomic_write, make_folder
 from lithoform.errors import SceneError
-from lithoform.export.clumps import MOST_SPHERES, SPHERES, Clump, make_clump
+from lithoform.export.clumps import MOST_SPHERES, SPHERES, Clump, at_least_two, make_clump
 from lithoform.export.lammps import lammps_files
 from lithoform.export.liggghts import liggghts_files
 from lithoform.export.polyhedra import VERTICES, Polyhedron, make_polyhedron
@@ -38,7 +38,9 @@ _FILES: Final = frozenset(
     "deck.json in.lammps data.lammps bodies.lammps in.liggghts stones.liggghts run_yade.py scene.json".split()
 )
 # Files of which a deck has some, and what the engines leave beside it: a former export may have had more of them.
-_SOME: Final = re.compile(r"(shape|wall)[0-9]+\.(txt|stl)|(start|end)\.(dump|json|restart)|log\.(lammps|liggghts)")
+_SOME: Final = re.compile(
+    r"(shape|wall)[0-9]+\.(txt|stl)|(start|end)\.(dump|json|restart(\.rigid)?)|log\.(lammps|liggghts)"
+)
 
 
 def export_deck(
@@ -88,6 +90,8 @@ def export_deck(
         raise SceneError(f"expected an engine of {', '.join(ENGINES)}; got {engine!r}.")
     if not 1 <= spheres <= MOST_SPHERES:
         raise SceneError(f"expected 1 to {MOST_SPHERES} spheres in a clump, got {spheres!r}.")
+    if threads is not None and threads < 1:
+        raise SceneError(f"expected --threads of at least 1, got {threads}.")
     out = path_of("--out", out)
     settings = {"lithoform": program_version(), "engine": engine, "source": scene.source, "spheres": spheres,
                 "vertices": vertices}  # fmt: skip
@@ -125,7 +129,7 @@ def _solids(
     shapes = scene.model.shapes
     if engine == "yade":
         return [make_polyhedron(shape, vertices) for shape in shapes]
-    made = in_order(lambda shape: make_clump(shape, spheres), shapes, threads=threads)
+    made = in_order(lambda shape: at_least_two(make_clump(shape, spheres)), shapes, threads=threads)
     return list(track(made, total=len(shapes), what="clumps", enabled=progress))
 
 

@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 
 from lithoform.dem import Cylinder, Plane
+from lithoform.errors import SceneError
 from lithoform.export.clumps import Clump
 from lithoform.export.scene import Scene
 from lithoform.export.walls import axis_of, triangles
@@ -20,13 +21,14 @@ __all__ = ["liggghts_files"]
 
 # To be simulated after the beginning [s].
 _DURATION: Final = 0.2
-# Steps in which overlaps that clumps have and blocks had not are let out, the speed falling by e in so many of them or
-# fewer.
+# Steps in which overlaps that clumps have and blocks had not are let out, the speed of the clump of the most spheres
+# falling by e in so many of them, and that of others more slowly.
 _RELAXING, _DAMPED = 4000, 20
 # LIGGGHTS asks for three different primes a stone; the place that it draws by them is within this share of a radius.
 _SEEDS, _EXACT = (15485863, 32452843, 49979687), 1e-6
 # Tries of the Monte Carlo integral by which LIGGGHTS finds the centroid of a clump: to about 0.002 of its radius.
 _TRIES: Final = 100_000
+_LEAST_RESTITUTION: Final = 0.05
 # Flat pieces of a cylinder that is inclined.
 _SIDES: Final = 96
 
@@ -50,13 +52,28 @@ def liggghts_files(scene: Scene, clumps: Sequence[Clump]) -> dict[str, bytes]:
     for number, clump in enumerate(clumps):
         rows = np.concatenate([clump.centres, clump.radii[:, None]], axis=1).tolist()
         files[f"shape{number + 1}.txt"] = "".join(f"{_told(row)}\n" for row in rows).encode()
+    _require(scene)
     walls: list[str] = []
+    low, high = scene.room
     for number, wall in enumerate(scene.walls):
         lines, triangles = _wall(scene, number, wall)
         walls += lines
         if triangles is not None:
             files[f"wall{number + 1}.stl"] = _stl(triangles)
-    return {"in.liggghts": _script(scene, clumps, walls).encode(), **files}
+            # It loses triangles whose middle is outside of the box.
+            low, high = np.minimum(low, triangles.min(axis=(0, 1))), np.maximum(high, triangles.max(axis=(0, 1)))
+    return {"in.liggghts": _script(scene, clumps, walls, (low, high)).encode(), **files}
+
+
+def _require(scene: Scene) -> None:
+    """Refuse what LIGGGHTS refuses."""
+    for material in scene.model.materials:
+        if material.poisson_ratio < 0.0:
+            raise SceneError(f"expected a Poisson's ratio of at least 0 for LIGGGHTS, got {material.poisson_ratio:g}.")
+    numbers = range(len(scene.model.materials))
+    least = min(scene.contact(a, b).restitution for a in numbers for b in numbers)
+    if least <= _LEAST_RESTITUTION:
+        raise SceneError(f"expected a restitution above {_LEAST_RESTITUTION:g} for LIGGGHTS, got {least:g}.")
 
 
 def _model(scene: Scene) -> str:
@@ -71,7 +88,8 @@ def _wall(scene: Scene, number: int, wall: Plane | Cylinder) -> tuple[list[str],
     if axis is not None and isinstance(wall, Plane):
         return [f"{head} primitive type {material} {'xyz'[axis]}plane {wall.point[axis]:.17g}"], None
     if axis is not None and isinstance(wall, Cylinder):
-        a, b = (wall.point[k] for k in range(3) if k != axis)
+        # LIGGGHTS names the other two in the order of a cycle.
+        a, b = wall.point[(axis + 1) % 3], wall.point[(axis + 2) % 3]
         place = f"{'xyz'[axis]}cylinder {wall.radius:.17g} {a:.17g} {b:.17g}"
         return [f"{head} primitive type {material} {place}"], None
     low, high = scene.bounds
@@ -95,12 +113,13 @@ def _stl(corners: np.ndarray) -> bytes:
 def _stones(scene: Scene, clumps: Sequence[Clump]) -> str:
     """A template, and a region so small that it is a place, for each stone."""
     model = scene.model
+    spins = scene.state.angular_velocity(model)
     lines = ["# Each stone: its spheres, mass and principal moments of inertia; its place and its attitude."]
     for i in range(model.count):
         shape, name = int(model.shape[i]), i + 1
         place, (x, y, z, w) = scene.state.position[i].tolist(), scene.state.orientation[i].tolist()
         a, b, c = model.inertia[i].tolist()
-        count, speed = len(clumps[shape]), _told(scene.state.velocity[i].tolist())
+        count, speed, spin = len(clumps[shape]), _told(scene.state.velocity[i].tolist()), _told(spins[i].tolist())
         density = f"atom_type {model.material[i] + 1} density constant {model.density[i]:.17g}"
         lines += [
             (
@@ -112,7 +131,7 @@ def _stones(scene: Scene, clumps: Sequence[Clump]) -> str:
             f"region place{name} sphere {_told(place)} {_EXACT * model.radius[i]:.17g} units box volume_limit 1e-60",
             (
                 f"fix put{name} all insert/pack seed {_SEEDS[2]} distributiontemplate only{name} vel constant "
-                f"{speed} orientation constant {_told([w, x, y, z])} insert_every once "
+                f"{speed} omega constant {spin} orientation constant {_told([w, x, y, z])} insert_every once "
                 f"overlapcheck no all_in no particles_in_region 1 region place{name}"
             ),
         ]
@@ -123,10 +142,10 @@ def _told(numbers: Sequence[float]) -> str:
     return " ".join(f"{x:.17g}" for x in numbers)
 
 
-def _script(scene: Scene, clumps: Sequence[Clump], walls: Sequence[str]) -> str:
+def _script(scene: Scene, clumps: Sequence[Clump], walls: Sequence[str], sides: tuple[np.ndarray, np.ndarray]) -> str:
     model = scene.model
     count = len(model.materials)
-    low, high = scene.bounds
+    low, high = sides
     room = 0.5 * (high - low) + 2.0 * float(model.bounding_radius.max())
     box = " ".join(f"{x:.17g}" for pair in zip(low - room, high + room, strict=True) for x in pair)
     least = min(float(clumps[s].radii.min()) * f for s, f in zip(model.shape.tolist(), model.scale.tolist(),
@@ -141,7 +160,7 @@ def _script(scene: Scene, clumps: Sequence[Clump], walls: Sequence[str]) -> str:
 
     young, poisson = ([getattr(m, name) for m in model.materials] for name in ("youngs_modulus", "poisson_ratio"))
     lines = [
-        f"# {model.count} blocks of {scene.source or 'a scene'} as clumps of spheres, written by lithoform.",
+        f"# {model.count} blocks of {scene.title} as clumps of spheres, written by lithoform.",
         "# Run: liggghts -in in.liggghts",
         "# Settings that may be given on the command line, such as -var steps 200000:",
         f"variable dt index {scene.step:.6g}",

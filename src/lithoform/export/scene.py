@@ -15,7 +15,7 @@ import numpy as np
 from lithoform.dem import TABLE_10, Cylinder, Material, Model, Motion, Plane, State, read_checkpoint
 from lithoform.dem.materials import pair_constants
 from lithoform.dem.scales import scales
-from lithoform.errors import FileFormatError, LithoformError, SceneError
+from lithoform.errors import FileFormatError, LithoformError, RecipeError, SceneError
 from lithoform.lazy import cached_property
 
 __all__ = ["Contact", "Scene", "read_scene"]
@@ -109,6 +109,28 @@ class Scene:
         return scales(self.model).step
 
     @property
+    def title(self) -> str:
+        """Where it comes from, as a comment in a script may hold it."""
+        return ascii(self.source)[1:-1].replace('"', "'") or "a scene"
+
+    @property
+    def room(self) -> tuple[np.ndarray, np.ndarray]:
+        """Corners of a box about all blocks and the walls near them [m]."""
+        low, high = self.bounds
+        middle = 0.5 * (low + high)
+        for wall in self.walls:
+            direction, point = np.array(wall.direction), np.array(wall.point)
+            if isinstance(wall, Cylinder):
+                reach = wall.radius * np.sqrt(np.maximum(1.0 - direction**2, 0.0))
+                for corner in (low, high):
+                    foot = point + ((corner - point) @ direction) * direction
+                    low, high = np.minimum(low, foot - reach), np.maximum(high, foot + reach)
+            else:
+                foot = middle - ((middle - point) @ direction) * direction
+                low, high = np.minimum(low, foot), np.maximum(high, foot)
+        return low, high
+
+    @property
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Corners of a box about the balls about all blocks [m]."""
         reach = self.model.bounding_radius[:, None]
@@ -119,7 +141,10 @@ class Scene:
         first, second = self.model.materials[a], self.model.materials[b]
         given = self.model.pairs.get((a, b), self.model.pairs.get((b, a)))
         law = pair_constants(first, second, given)
-        poisson = 0.5 * (first.poisson_ratio + second.poisson_ratio)
+        # Two bodies of this ratio, and of the modulus below, have both G* and E* of the pair: with r their quotient,
+        # r = (1 - nu) / (2 (2 - nu)).
+        r = law["shear"] / law["modulus"]
+        poisson = (1.0 - 4.0 * r) / (1.0 - 2.0 * r)
         restitution = getattr(given, "restitution", None)
         if restitution is None:
             restitution = (first.restitution * second.restitution) ** 0.5
@@ -135,7 +160,14 @@ class Scene:
         )
 
 
-def read_scene(folder: str | os.PathLike[str], *, threads: int | None = None, progress: bool = False) -> Scene:
+def read_scene(
+    folder: str | os.PathLike[str],
+    *,
+    stones: Sequence[str | os.PathLike[str]] = (),
+    device: str = "auto",
+    threads: int | None = None,
+    progress: bool = False,
+) -> Scene:
     """Scene of a folder that `lithoform pack` or `lithoform compact` has finished.
 
     The stones are made anew from where they came from, and the checkpoint says whether they are the same.
@@ -143,6 +175,10 @@ def read_scene(folder: str | os.PathLike[str], *, threads: int | None = None, pr
     Parameters
     ----------
     folder : path-like
+    stones : sequence of path-like
+        Where the database or the meshes are; by default where they were, seen from here or from the folder.
+    device : str
+        auto, cpu or cuda: what makes stones from recipes.
     threads : int, optional
         For the shapes; by default all processors.
     progress : bool
@@ -150,12 +186,16 @@ def read_scene(folder: str | os.PathLike[str], *, threads: int | None = None, pr
 
     Raises
     ------
+    RecipeError
+        If the number of threads is below 1.
     FileFormatError
         If the folder holds neither, or one that is not finished, or a damaged one.
     SceneError
         If the stones are no longer those that the checkpoint is of.
     """
     folder = Path(folder)
+    if threads is not None and threads < 1:
+        raise RecipeError(f"expected --threads of at least 1, got {threads}.")
     kind = next((name for name in _CHECKPOINTS if (folder / name).is_file()), None)
     if kind is None:
         raise FileFormatError(f"expected the folder of a packing or a compaction, but {folder} holds no {_PACKING} and "
@@ -163,15 +203,30 @@ def read_scene(folder: str | os.PathLike[str], *, threads: int | None = None, pr
     settings = _settings(folder / kind)
     checkpoint = folder / _CHECKPOINTS[kind]
     walls = _walls(checkpoint)
-    build = _packed if kind == _PACKING else _compacted
+    name, build = ("sources", _packed) if kind == _PACKING else ("population", _compacted)
     try:
-        model, names = build(settings, threads, progress)
-    except TypeError as error:  # settings of another version
+        told = settings[name] if isinstance(settings[name], list) else [settings[name]]
+        places = list(map(Path, stones)) or [_found(Path(place), folder) for place in told]
+        settings[name] = tuple(places) if name == "sources" else places[0]
+        model, names = build(settings, device, threads, progress)
+    except (KeyError, TypeError) as error:  # settings of another version
         raise FileFormatError(f"{folder / kind} has settings that this version does not know: {error}.") from error
     except LithoformError as error:
         raise type(error)(f"the stones of {folder} cannot be made anew: {error}") from error
     model = model.with_walls(*walls)
     return Scene(model=model, state=read_checkpoint(checkpoint, model), names=names, source=str(folder))
+
+
+def _found(place: Path, folder: Path) -> Path:
+    """Where stones are that were at a place, seen from the folder in which the result was made: that is not known."""
+    seen = [place, *(above / place for above in folder.resolve().parents)]
+    found = next((path for path in seen if path.exists()), None)
+    if found is None:
+        raise FileFormatError(
+            f"the stones of {folder} were at {place}, which is there neither seen from {Path.cwd()} nor from a folder "
+            "above it: say where they are with --stones."
+        )
+    return found
 
 
 def _settings(path: Path) -> dict[str, Any]:
@@ -186,11 +241,13 @@ def _settings(path: Path) -> dict[str, Any]:
     return settings
 
 
-def _packed(settings: dict[str, Any], threads: int | None, progress: bool) -> tuple[Model, tuple[str, ...]]:
+def _packed(
+    settings: dict[str, Any], device: str, threads: int | None, progress: bool
+) -> tuple[Model, tuple[str, ...]]:
     from lithoform.packing.request import Request
     from lithoform.packing.stones import draw, find_stones, read_shapes
 
-    request = Request(**{**settings, "sources": tuple(map(Path, settings["sources"]))})
+    request = Request(**settings)
     rng = np.random.Generator(np.random.PCG64(request.seed))
     stones = find_stones(request.sources, unit=request.unit, select=request.select)
     chosen, which = np.unique(draw(len(stones), request.count, rng), return_inverse=True)
@@ -201,16 +258,19 @@ def _packed(settings: dict[str, Any], threads: int | None, progress: bool) -> tu
     return model, tuple(stone.name for stone in used)
 
 
-def _compacted(settings: dict[str, Any], threads: int | None, progress: bool) -> tuple[Model, tuple[str, ...]]:
+def _compacted(
+    settings: dict[str, Any], device: str, threads: int | None, progress: bool
+) -> tuple[Model, tuple[str, ...]]:
     from lithoform.compaction.request import Request
     from lithoform.compaction.specimen import Plan, make_specimen
     from lithoform.database.store import Store
     from lithoform.gradation.curves import find_gradation
 
-    request = Request(**{**settings, "population": Path(settings["population"])})
+    request = Request(**settings)
     known = {field.name for field in fields(Plan)} - {"gradation"}
     plan = Plan(gradation=find_gradation(request.gradation), **{name: getattr(request, name) for name in known})
-    specimen = make_specimen(Store(request.population), plan, request.protocol, threads=threads, progress=progress)
+    specimen = make_specimen(Store(request.population), plan, request.protocol, device=device, threads=threads,
+                             progress=progress)  # fmt: skip
     return specimen.model, specimen.names
 
 

@@ -67,7 +67,7 @@ def _content(scene: Scene, polyhedra: Sequence[Polyhedron]) -> dict[str, Any]:
         "steps": math.ceil(_DURATION / dt),
         "fall": 2.0 * float(np.median(model.radius)),
         "materials": [
-            {"young": k, "density": m.density, "friction": math.atan(scene.contact(i, i).sliding)}
+            {"young": 2.0 * k, "density": m.density, "friction": math.atan(scene.contact(i, i).sliding)}
             for i, (k, m) in enumerate(zip(stiffness, model.materials, strict=True))
         ],
         "shapes": [polyhedron.vertices.tolist() for polyhedron in polyhedra],
@@ -85,7 +85,8 @@ def _content(scene: Scene, polyhedra: Sequence[Polyhedron]) -> dict[str, Any]:
 def _stiffness(scene: Scene, material: int) -> float:
     """Force over common volume [N/m^3]: E* over the radius of a median block.
 
-    YADE's law of polyhedra has no radius of curvature in it, and Hertz's law cannot be told to it.
+    YADE's law of polyhedra has no radius of curvature in it, and Hertz's law cannot be told to it. It is told twice
+    this number for each material, of which it takes the product over the sum.
     """
     return scene.contact(material, material).modulus / float(np.median(scene.model.radius))
 
