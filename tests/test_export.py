@@ -17,7 +17,8 @@ from cyclopts import App
 
 from lithoform import dem, generate
 from lithoform.cli.exporting import export
-from lithoform.errors import FileFormatError, OutputError, SceneError
+from lithoform.errors import FileFormatError, OutputError, RecipeError, SceneError
+from lithoform.export import clumps
 from lithoform.export.clumps import make_clump
 from lithoform.export.deck import export_deck
 from lithoform.export.polyhedra import make_polyhedron
@@ -170,6 +171,120 @@ def test_a_polyhedron_has_the_volume_of_the_hull_and_is_near_it(shapes) -> None:
     assert kept.max_distance < 1e-9
 
 
+@pytest.mark.parametrize("seed", [48, 72, 94])
+def test_no_sphere_of_a_thin_stone_lies_outside(seed: int) -> None:
+    """Flat stones have edges across which a centre may leave the body."""
+    recipe = database_recipe("blade", seed=seed).replace(triangles=2000)
+    shape = dem.Shape.from_mesh(generate(recipe).mesh)
+    for spheres in (6, 40):
+        clump = make_clump(shape, spheres)
+        assert clump.radii.min() > 0.05 * shape.radius
+        # By the winding number of all triangles, not of sampled points: the centres are inside.
+        corners = shape.mesh.vertices[shape.mesh.faces][None] - clump.centres[:, None, None]
+        a, b, c = (corners[:, :, k] for k in range(3))
+        x, y, z = (np.linalg.norm(v, axis=2) for v in (a, b, c))
+        over = x * y * z + (a * b).sum(2) * z + (b * c).sum(2) * x + (c * a).sum(2) * y
+        turns = np.arctan2((a * np.cross(b, c)).sum(2), over).sum(1) / (2.0 * math.pi)
+        np.testing.assert_allclose(turns, 1.0, atol=1e-6)
+        assert clump.centre_error < 0.12
+        assert abs(clump.volume_error) < 0.01
+
+
+def test_a_ball_beside_a_stone_is_told(shapes) -> None:
+    """The distance is measured from the spheres too: one that sticks out cannot hide."""
+    shape = shapes[0]
+    surface = clumps._Surface.of(shape.mesh)
+    good = make_clump(shape, 20)
+    place = np.array([[0.0, 0.0, 3.0 * shape.bounding_radius]])
+    bad = clumps._with_errors(
+        clumps.Clump(np.concatenate([good.centres, place]), np.append(good.radii, 0.1 * shape.radius)), shape, surface
+    )
+    assert bad.max_distance > 1.5
+    assert good.max_distance < 0.3
+
+
+def two_balls(**changes) -> Scene:
+    """Two balls, one of them of another material, above a floor."""
+    hard = dem.TABLE_10.softened(2e-3)
+    other = dataclasses.replace(hard, poisson_ratio=0.1, restitution=0.5)
+    walls = changes.pop("walls", (dem.Plane(point=(0, 0, 0), normal=(0, 0, 1)),))
+    model = dem.Model(shapes=(dem.Shape.sphere(0.01),), materials=(hard, other), shape=[0, 0], material=[0, 1],
+                      walls=walls)  # fmt: skip
+    state = dem.State.at_rest(model, [[0, 0, 0.012], [0.03, 0, 0.3]], **changes)
+    return Scene(model=model, state=state)
+
+
+def test_both_moduli_of_a_pair_are_those_of_the_engine() -> None:
+    scene = two_balls()
+    contact = scene.contact(0, 1)
+    g = contact.youngs_modulus / (2.0 * (1.0 + contact.poisson_ratio))
+    # Of two bodies alike: E / (2 (1 - nu^2)) and G / (2 (2 - nu)).
+    assert contact.youngs_modulus / (2.0 * (1.0 - contact.poisson_ratio**2)) == pytest.approx(contact.modulus)
+    assert g / (2.0 * (2.0 - contact.poisson_ratio)) == pytest.approx(contact.shear)
+
+
+@needs_lammps
+@needs_liggghts
+def test_balls_far_above_the_floor_run_in_both(tmp_path) -> None:
+    """Engines ask for two spheres a clump, and lose what leaves the box."""
+    for engine, program in (("lammps", LAMMPS), ("liggghts", LIGGGHTS)):
+        deck = export_deck(engine, two_balls(), tmp_path / engine, threads=1)
+        assert deck["shapes"][0]["spheres"] == 2
+        text = run([program, "-in", f"in.{engine}", "-var", "steps", "20000", "-var", "relax", "0"], tmp_path / engine)
+        assert "ERROR" not in text
+
+
+@needs_lammps
+def test_the_walls_of_lammps_push_as_the_law_says(tmp_path) -> None:
+    """A ball pressed into the floor by a tenth of a millimetre: Hertz's force, from how far it gets."""
+    material = dem.TABLE_10.softened(1e-2)
+    model = dem.Model(shapes=(dem.Shape.sphere(0.01),), materials=(material,), shape=[0], gravity=(0.0, 0.0, 0.0),
+                      walls=(dem.Plane(point=(0, 0, 0), normal=(0, 0, 1)),))  # fmt: skip
+    case = Scene(model=model, state=dem.State.at_rest(model, [[0, 0, 0.0099]]))
+    export_deck("lammps", case, tmp_path, threads=1)
+    dt, steps = 1e-9, 1000
+    run([LAMMPS, "-in", "in.lammps", "-log", "none", "-var", "dt", str(dt), "-var", "steps", str(steps), "-var",
+         "relax", "0"], tmp_path)  # fmt: skip
+    moved = dumped(tmp_path / "end.dump")[0, 4] - dumped(tmp_path / "start.dump")[0, 4]
+    stiffness = material.youngs_modulus / (1.0 - material.poisson_ratio**2) / 2.0
+    force = 4.0 / 3.0 * stiffness * math.sqrt(0.01) * 1e-4**1.5
+    # Leapfrog with a constant force.
+    assert moved == pytest.approx(0.5 * force / model.mass[0] * (steps * dt) ** 2, rel=0.005)
+
+
+@needs_liggghts
+def test_stones_turn_in_liggghts_as_they_should(scene, tmp_path) -> None:
+    """The energy of the spin is that of the true tensors of inertia, of stones that are turned."""
+    spin = np.random.default_rng(8).normal(size=(scene.model.count, 3))
+    momentum = np.einsum("nij,nj->ni", scene.inertia, spin)
+    turning = dataclasses.replace(scene.state, angular_momentum=momentum)
+    case = Scene(model=scene.model, state=turning)
+    export_deck("liggghts", case, tmp_path, spheres=8, threads=1)
+    text = run([LIGGGHTS, "-in", "in.liggghts", "-var", "dt", "1e-9", "-var", "steps", "2", "-var", "relax", "0"],
+               tmp_path)  # fmt: skip
+    fall = float(scene.model.mass.sum()) * 9.81 * 2.0 * float(np.median(scene.model.radius))
+    expected = 0.5 * (momentum * spin).sum() / fall
+    assert max(shares(text)) == pytest.approx(expected, rel=0.01)
+
+
+def test_what_liggghts_refuses_is_told_first(tmp_path) -> None:
+    scene = two_balls()
+    for changed, said in (({"poisson_ratio": -0.2}, "Poisson's ratio"), ({"restitution": 0.04}, "restitution above")):
+        odd = dataclasses.replace(scene.model.materials[0], **changed)
+        model = dataclasses.replace(scene.model, materials=(odd, odd))
+        with pytest.raises(SceneError, match=said):
+            export_deck("liggghts", Scene(model=model, state=scene.state), tmp_path / "deck", threads=1)
+
+
+def test_a_cylinder_along_y_is_where_it_was(tmp_path) -> None:
+    """LIGGGHTS wants its centre in the order z, x."""
+    wall = dem.Cylinder(radius=0.1, axis=(0, 1, 0), point=(0.03, 0.0, 0.3))
+    scene = two_balls(walls=(wall,))
+    export_deck("liggghts", scene, tmp_path, threads=1)
+    line = next(text for text in (tmp_path / "in.liggghts").read_text().splitlines() if "ycylinder" in text)
+    assert [float(word) for word in line.split()[-2:]] == [0.3, 0.03]
+
+
 @needs_lammps
 @pytest.mark.parametrize("ranks", [1, 2])
 def test_lammps_has_the_same_bodies_and_they_settle(scene, tmp_path, ranks: int) -> None:
@@ -286,11 +401,43 @@ def test_a_packing_is_exported_as_its_table_says(packing, tmp_path, capsys) -> N
     assert [type(wall).__name__ for wall in scene.walls] == ["Plane", "Cylinder"]
 
 
+def test_stones_that_moved_are_found_or_asked_for(packing, tmp_path, monkeypatch) -> None:
+    moved = tmp_path / "elsewhere"
+    shutil.copytree(packing.parent, moved)
+    numbers = json.loads((moved / "out" / "packing.json").read_text())
+    numbers["settings"]["sources"] = ["stones"]
+    (moved / "out" / "packing.json").write_text(json.dumps(numbers))
+    monkeypatch.chdir(tmp_path)
+    found = read_scene(moved / "out", threads=1)
+    assert found.state.position.tobytes() == read_scene(packing, threads=1).state.position.tobytes()
+    (moved / "stones").rename(tmp_path / "away")
+    with pytest.raises(FileFormatError, match="say where they are with --stones"):
+        read_scene(moved / "out", threads=1)
+    again = read_scene(moved / "out", stones=[tmp_path / "away"], threads=1)
+    assert again.model.mass.tobytes() == found.model.mass.tobytes()
+    numbers["settings"] = {}
+    (moved / "out" / "packing.json").write_text(json.dumps(numbers))
+    with pytest.raises(FileFormatError, match="settings that this version does not know"):
+        read_scene(moved / "out", threads=1)
+
+
+def test_a_name_that_is_a_command_stays_a_name(scene, tmp_path) -> None:
+    odd = dataclasses.replace(scene, source='new\nshell echo INJECTED """ \udcff')
+    for engine in ("lammps", "liggghts"):
+        export_deck(engine, odd, tmp_path / engine, spheres=3, threads=1)
+        text = (tmp_path / engine / f"in.{engine}").read_text()
+        assert not any(line.startswith("shell") for line in text.splitlines())
+        assert '"""' not in text
+
+
 def test_what_is_refused(packing, scene, tmp_path) -> None:
     with pytest.raises(FileFormatError, match=r"holds no packing\.json"):
         read_scene(tmp_path)
-    with pytest.raises(OutputError, match="folder of the specimen"):
-        command("yade", str(packing), "--out", str(packing))
+    for place in (packing, packing / "deck"):
+        with pytest.raises(OutputError, match="folder of the specimen"):
+            command("yade", str(packing), "--out", str(place))
+    with pytest.raises(RecipeError, match="--threads of at least 1"):
+        command("yade", str(packing), "--out", str(tmp_path / "a"), "--threads", "0")
     with pytest.raises(SceneError, match="lammps, liggghts, yade"):
         export_deck("pfc", scene, tmp_path / "deck")
     (tmp_path / "other").mkdir()
@@ -305,6 +452,10 @@ def test_what_is_refused(packing, scene, tmp_path) -> None:
         export_deck("liggghts", scene, out, spheres=5, threads=1)
     export_deck("liggghts", scene, out, spheres=5, threads=2, overwrite=True)
     assert {path.name: path.read_bytes() for path in out.iterdir()} == first
+    # What LAMMPS leaves is the deck's too.
+    export_deck("lammps", scene, out, spheres=5, threads=1, overwrite=True)
+    for name in ("end.restart", "end.restart.rigid", "start.dump"):
+        (out / name).write_text("x")
     # Another engine's deck leaves nothing of the former one.
     export_deck("yade", scene, out, overwrite=True)
     assert {path.name for path in out.iterdir()} - {LOCK_FILE} == {"deck.json", "run_yade.py", "scene.json"}

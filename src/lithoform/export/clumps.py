@@ -113,7 +113,7 @@ def make_clump(shape: Shape, spheres: int = SPHERES) -> Clump:
     mesh = shape.mesh
     if mesh is None:
         return Clump(np.zeros((1, 3)), np.array([shape.radius]))
-    surface = _Surface(*surface_points(mesh, _POINTS), float(np.linalg.norm(mesh.area_vectors, axis=1).sum()))
+    surface = _Surface.of(mesh)
     centres, radii = _inscribed(surface, shape.radius)
     chosen = _cover(surface.points, centres, radii, shape.radius, spheres)
     centres, radii = centres[chosen], radii[chosen]
@@ -133,6 +133,11 @@ class _Surface:
     points: np.ndarray
     normals: np.ndarray
     area: float
+
+    @classmethod
+    def of(cls, mesh: Mesh) -> _Surface:
+        """That of a mesh."""
+        return cls(*surface_points(mesh, _POINTS), float(np.linalg.norm(mesh.area_vectors, axis=1).sum()))
 
     def is_around(self, at: np.ndarray) -> np.ndarray:
         """Whether places are in the body, by the solid angle that the surface takes up there: 4 pi, or 0 outside."""
@@ -317,5 +322,7 @@ def at_least_two(clump: Clump) -> Clump:
     """The clump with a second sphere where it has one, inside of it, which touches nothing: engines ask for two."""
     if len(clump) > 1:
         return clump
-    return replace(clump, centres=np.repeat(clump.centres, 2, axis=0),
-                   radii=np.concatenate([clump.radii, 0.5 * clump.radii]))  # fmt: skip
+    centre, radius = clump.centres[0], float(clump.radii[0])
+    # LAMMPS takes two at one place for one.
+    beside = np.array([0.25 * radius, 0.0, 0.0])
+    return replace(clump, centres=np.array([centre, centre + beside]), radii=np.array([radius, 0.5 * radius]))
