@@ -12,7 +12,7 @@ from lithoform.cli import main
 from lithoform.compaction import campaign as module
 from lithoform.compaction.experiment import Experiment, compare_sources, measures_of, run_experiment
 from lithoform.compaction.published import COMPACTED_DENSITY, FITS, LOOSE_DENSITY
-from lithoform.errors import FileFormatError, OutputError, RecipeError
+from lithoform.errors import FileFormatError, OutputError, RecipeError, SimulationError
 from lithoform.experiment_report import experiment_files, fits_table, runs_csv
 
 
@@ -170,6 +170,25 @@ class TestRuns:
         other = Experiment(scanned=tmp_path / "a", generated=tmp_path / "b", cases=3, generated_runs=1)
         with pytest.raises(OutputError, match=r"other settings \(cases\)"):
             run_experiment(other, tmp_path / "out", resume=True)
+
+    def test_a_simulation_that_fails_stops_no_other_run(self, tmp_path, monkeypatch):
+        made = []
+        results = {key: value for key, value in row(1, 0, 0.5).items() if key not in ("case", "sample", "name")}
+
+        def stand_in(request, out, **_):
+            made.append(out.name)
+            if out.name == "case1_scanned":
+                raise SimulationError("stone 3 is no number any more at t = 1 s.", time=1.0, bodies=(3,))
+            out.mkdir(parents=True, exist_ok=True)
+            (out / "compaction.json").write_text(json.dumps({"finished": True, "results": results}))
+            return {"seconds": 0.0}
+
+        monkeypatch.setattr(module, "run_compaction", stand_in)
+        monkeypatch.setattr(module, "check_request", lambda *_, **__: None)
+        plan = Experiment(scanned=tmp_path / "a", generated=tmp_path / "b", cases=2, generated_runs=1)
+        with pytest.raises(SimulationError, match=r"^case1_scanned: stone 3 .* at t = 1 s; the 3 other runs are kept"):
+            run_experiment(plan, tmp_path / "out", workers=0)
+        assert made == ["case1_scanned", "case1_generated1", "case2_scanned", "case2_generated1"]
 
     def test_a_plan_that_is_refused_leaves_no_folder(self, tmp_path):
         with pytest.raises(FileFormatError, match=r"case1_scanned: .* make one with lithoform database build"):

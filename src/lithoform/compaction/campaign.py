@@ -13,7 +13,7 @@ from lithoform.atomic import atomic_write, make_folder
 from lithoform.compaction.request import Request
 from lithoform.compaction.run import NUMBERS_FILE, check_request, require_stiffness, run_compaction
 from lithoform.database.engine import has_dask, require_workers, spread
-from lithoform.errors import LithoformError, OutputError
+from lithoform.errors import LithoformError, OutputError, SimulationError
 from lithoform.locking import LOCK_FILE, folder_lock
 from lithoform.progress import track
 from lithoform.warp_runtime import every_gpu
@@ -73,9 +73,12 @@ def run_campaign(
         If the folder holds something else, or a plan of other settings.
     LithoformError
         As `lithoform.compaction.run.run_compaction`, with the name of the run; those that were done are kept.
+    SimulationError
+        At the end, if the simulation of a run failed.
     """
     require_workers(workers, scheduler)
-    _check(plan, device)
+    places = [out.resolve() / RUNS_FOLDER / name for name, _ in plan]
+    _check([run for run, place in zip(plan, places, strict=True) if _results_of(place) is None], device)
     in_process = workers == 0 or not (scheduler or has_dask())
     make_folder(out)
     with folder_lock(out):
@@ -83,10 +86,10 @@ def run_campaign(
         devices = [device] if scheduler else every_gpu(device)
         if workers is None and devices[0].startswith("cuda"):
             workers = len(devices)
-        jobs = [{"request": _placed(request), "out": str(out.resolve() / RUNS_FOLDER / name),
-                 "device": devices[k % len(devices)], "threads": None if in_process else 1}
-                for k, (name, request) in enumerate(plan)]  # fmt: skip
-        open_jobs = [job for job in jobs if _results_of(job["out"]) is None]
+        jobs = [{"request": _placed(request), "out": str(place), "device": devices[k % len(devices)],
+                 "threads": None if in_process else 1}
+                for k, ((_, request), place) in enumerate(zip(plan, places, strict=True))]  # fmt: skip
+        open_jobs = [job for job in jobs if _results_of(Path(job["out"])) is None]
         if len(open_jobs) < len(jobs):
             told(f"{len(jobs) - len(open_jobs)} of {len(jobs)} runs are there.")
         if in_process:
@@ -94,9 +97,15 @@ def run_campaign(
             done = map(_work, open_jobs)
         else:
             done = spread(_work, iter(open_jobs), workers=workers, scheduler=scheduler)
-        for name, seconds in track(done, total=len(open_jobs), what="runs", enabled=progress):
-            told(f"{name}: {seconds:.0f} s")
-        return [_required(job["out"]) for job in jobs]
+        failed = []
+        for name, seconds, fault in track(done, total=len(open_jobs), what="runs", enabled=progress):
+            told(f"{name}: {fault or f'{seconds:.0f} s'}")
+            if fault:
+                failed.append(f"{name}: {fault}")
+        if failed:
+            more = f" ({len(failed) - 1} more failed)" if len(failed) > 1 else ""
+            raise SimulationError(f"{failed[0].rstrip('.')}{more}; the {len(plan) - len(failed)} other runs are kept.")
+        return [_required(place) for place in places]
 
 
 def _begin(out: Path, settings: dict[str, Any], what: str, *, resume: bool) -> None:
@@ -121,13 +130,16 @@ def _begin(out: Path, settings: dict[str, Any], what: str, *, resume: bool) -> N
     make_folder(out / RUNS_FOLDER)
 
 
-def _work(job: dict[str, Any]) -> tuple[str, float]:
-    """A run, in a worker."""
+def _work(job: dict[str, Any]) -> tuple[str, float, str]:
+    """A run, in a worker: its name, its time [s], and what went wrong in the simulation, which stops no other run."""
     out = Path(job["out"])
     resume = (out / NUMBERS_FILE).exists()
-    with _naming(out.name):
-        results = run_compaction(job["request"], out, device=job["device"], threads=job["threads"], resume=resume)
-    return out.name, results["seconds"]
+    try:
+        with _naming(out.name):
+            results = run_compaction(job["request"], out, device=job["device"], threads=job["threads"], resume=resume)
+    except SimulationError as error:
+        return out.name, 0.0, str(error)
+    return out.name, results["seconds"], ""
 
 
 def _check(plan: Sequence[tuple[str, Request]], device: str) -> None:
@@ -151,6 +163,8 @@ def _naming(run: str) -> Iterator[None]:
     """Errors with the name of the run."""
     try:
         yield
+    except SimulationError:
+        raise
     except LithoformError as error:
         raise type(error)(f"{run}: {error}") from error
 
@@ -160,16 +174,16 @@ def _placed(request: Request) -> Request:
     return replace(request, population=request.population.resolve())
 
 
-def _results_of(out: str) -> dict[str, Any] | None:
+def _results_of(place: Path) -> dict[str, Any] | None:
     try:
-        told = json.loads((Path(out) / NUMBERS_FILE).read_bytes())
+        told = json.loads((place / NUMBERS_FILE).read_bytes())
     except (OSError, ValueError):
         return None
     return told["results"] if told.get("finished") else None
 
 
-def _required(out: str) -> dict[str, Any]:
-    results = _results_of(out)
+def _required(place: Path) -> dict[str, Any]:
+    results = _results_of(place)
     if results is None:
-        raise OutputError(f"the run in {out} is not finished: give the same command with --resume.")
+        raise OutputError(f"the run in {place} is not finished: give the same command with --resume.")
     return results
