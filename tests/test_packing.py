@@ -429,7 +429,7 @@ def test_the_time_step_is_that_of_rayleigh_or_the_one_that_is_given():
             r"^the cores of stones 1 \(a\.stl\) and 3 \(c\.stl\) overlap: they are in .* 1 mm at t = 2 s \(stones are",
         ),
         (
-            "block 2 is deeper in a wall than four times its rounding (1 mm) at t = 1 s (and 4 more): take less.",
+            "block 2 is deeper in a wall than three times its rounding (1 mm) at t = 1 s (and 4 more): take less.",
             r"^stone 3 \(c\.stl\) is deeper in a wall .* \(and 4 more\) \(stones are numbered as in blocks\.csv\)",
         ),
         ("the kernels reported fault 64.", "^the kernels reported fault 64 "),

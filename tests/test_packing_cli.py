@@ -297,7 +297,9 @@ def test_stones_that_cannot_be_used_are_all_named(stones, tmp_path):
 
 
 def refuse(*_: object, **__: object) -> None:
-    raise SimulationError("block 3 is deeper in a wall than four times its rounding (0.0004 m) at t = 1 s: be careful.")
+    raise SimulationError(
+        "block 3 is deeper in a wall than three times its rounding (0.0004 m) at t = 1 s: be careful."
+    )
 
 
 def test_a_first_step_that_fails_costs_no_former_packing(packed, stones, tmp_path, monkeypatch):

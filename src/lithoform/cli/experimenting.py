@@ -174,7 +174,7 @@ def scales(
     rate_factors
         On 30 gyrations a minute [default: 40, 10, 20, 80]; all but the first with the first stiffness.
     stiffness_factors
-        On 55 GPa [default: 0.1, 0.03, 0.3]; all but the first with the first rate.
+        On 55 GPa [default: 0.1, 0.3, 1]; all but the first with the first rate.
     seeds
         Specimens, each with all settings.
     seed

@@ -66,7 +66,7 @@ class Study:
 
     population: Path
     rate_factors: tuple[float, ...] = (40.0, 10.0, 20.0, 80.0)
-    stiffness_factors: tuple[float, ...] = (0.1, 0.03, 0.3)
+    stiffness_factors: tuple[float, ...] = (0.1, 0.3, 1.0)
     seeds: int = 3
     seed: int = 0
     count: int = 60

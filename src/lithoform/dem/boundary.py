@@ -18,7 +18,7 @@ _BUDGET = wp.constant(wp.float64(0.004))
 # Vertices do not share a contact where their depths differ by this many times the scale: exp(-20) is 2e-9.
 _NONE = wp.constant(wp.float64(20.0))
 # Depth in a wall that is a fault, in radii of the rounding.
-_DEEPEST = wp.constant(wp.float64(4.0))
+_DEEPEST = wp.constant(wp.float64(3.0))
 
 
 @wp.struct

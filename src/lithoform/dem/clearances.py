@@ -13,8 +13,8 @@ __all__ = ["deepest_in_walls", "shared_depths"]
 # Vertices share a contact with a wall where their depths differ by about this share of the block's radius ...
 _SHARED = 1e-4
 # ... or this many times F dt^2 / m, F the force at a depth of this many radii. A plate on a scale s rocks at
-# sqrt(3 F / (s m)): at 1 / dt there, and at 1.93 / dt at the depth that is a fault; leapfrog is stable below 2 / dt.
-_STEADY, _DEEP = 3.0, 0.05
+# sqrt(3 F / (s m)): at 1 / dt there, and at 1.99 / dt at the depth that is a fault; leapfrog is stable below 2 / dt.
+_STEADY, _DEEP = 3.0, 0.06
 
 
 def shared_depths(model: Model, dt: float) -> np.ndarray:

@@ -18,7 +18,7 @@ _AT_START = 0.01
 
 _SAID = {
     OUTSIDE: "the centre of block {block} is outside a wall",
-    TOO_DEEP: "block {block} is deeper in a wall than four times its rounding ({margin:.3g} m)",
+    TOO_DEEP: "block {block} is deeper in a wall than three times its rounding ({margin:.3g} m)",
     MOVES_TOO_FAR: "block {block} moves by more than half of its rounding ({margin:.3g} m) in one step",
     NOT_FINITE: "the motion of block {block} is no number any more",
 }
