@@ -18,19 +18,20 @@ BASE = Setting(40.0, 0.1, 9.7e-4, 1.0 / 466.0)
 
 
 def rows_of(study: Study, noise: float = 0.0, seed: int = 0) -> list[dict]:
-    """Runs that follow the lines exactly, but for noise."""
+    """Runs that follow the lines exactly, but for noise of each bed, and a quarter of it of each run."""
     rng = np.random.default_rng(seed)
+    of_bed = {(k, e): noise * rng.standard_normal(3) for k in range(3) for e in study.stiffness_factors}
     rows = []
     for name, request in study.plan():
-        specimen = int(name[4])
+        specimen, e = int(name[4]), request.stiffness_factor
         at = BASE.changed(request.rate_factor, request.stiffness_factor)
         rows.append({
             "seed": request.seed, "rate_factor": request.rate_factor, "stiffness_factor": request.stiffness_factor,
             "inertial_number": at.inertial_number, "inverse_kappa": at.inverse_kappa,
-            "loose_density": 0.45 + 0.01 * specimen + 2.0 * at.inverse_kappa,
+            "loose_density": 0.45 + 0.01 * specimen + 2.0 * at.inverse_kappa + of_bed[specimen, e][0],
             "compacted_density": 0.50 + 0.01 * specimen + A * at.inertial_number + B * at.inverse_kappa
-            + noise * rng.standard_normal(),
-            "settlement": 0.9 + noise * rng.standard_normal(), "seconds": 1.0,
+            + of_bed[specimen, e][1] + 0.25 * noise * rng.standard_normal(),
+            "settlement": 0.9 + of_bed[specimen, e][2] + 0.25 * noise * rng.standard_normal(), "seconds": 1.0,
         })  # fmt: skip
     return rows
 
@@ -65,8 +66,9 @@ class TestExtrapolation:
         fit = extrapolate(rows_of(study), "compacted_density")
         assert fit.slopes == pytest.approx([A, B], rel=1e-9)
         assert fit.limit == pytest.approx(0.51, rel=1e-12)
-        assert fit.scatter < 1e-12
-        assert fit.freedom == 18 - 5
+        assert max(fit.scatter) < 1e-12
+        # 12 runs of 3 beds and a slope; 9 beds of 3 seeds and a slope.
+        assert fit.freedom == (12 - 3 - 1, 9 - 3 - 1)
         # Specimens at 0.50, 0.51 and 0.52: their scatter is what the limit is known to.
         assert fit.limit_error == pytest.approx(0.01 / 3.0**0.5)
 
@@ -84,16 +86,26 @@ class TestExtrapolation:
     def test_the_rate_cannot_change_what_was_before_gyration(self, study):
         fit = extrapolate(rows_of(study), "loose_density")
         assert fit.slopes == pytest.approx([0.0, 2.0])
-        # 9 runs that are different, 3 constants and a slope: copies of the same run tell nothing more.
-        assert fit.freedom == 9 - 4
+        assert fit.freedom == (0, 9 - 3 - 1)
 
     def test_the_interval_holds_the_truth_as_often_as_it_says(self, study):
-        truth = A * 9.7e-4 * 39.0 / 40.0 + B / 466.0 * (1.0 - 0.1 ** (2.0 / 3.0))
-        held = 0
+        slow = BASE.changed(1.0, 0.1)
+        rate, both = A * 9.7e-4 * 39.0 / 40.0, B / 466.0 * (1.0 - 0.1 ** (2.0 / 3.0))
+        held = {slow: 0, BASE.real: 0}
         for seed in range(400):
-            _, low, high = extrapolate(rows_of(study, 0.004, seed), "compacted_density").change(BASE, BASE.real)
-            held += low < truth < high
-        assert 342 <= held <= 378  # binomial: 360 expected, standard deviation 6
+            fit = extrapolate(rows_of(study, 0.004, seed), "compacted_density")
+            for against, truth in ((slow, rate), (BASE.real, rate + both)):
+                _, low, high = fit.change(BASE, against)
+                held[against] += low < truth < high
+        # Binomial: 360 expected, standard deviation 6.
+        assert all(342 <= count <= 378 for count in held.values())
+
+    def test_the_rate_is_known_better_than_the_stiffness(self, study):
+        """Runs of the same bed differ by little, and tell of the rate whatever the beds do."""
+        fit = extrapolate(rows_of(study, 0.02), "compacted_density")
+        assert fit.scatter[0] < 0.5 * fit.scatter[1]
+        assert fit.verdict(BASE, BASE.changed(20.0, 0.1)) == "safe"
+        assert fit.verdict(BASE, BASE.real) == "open"
 
     def test_large_changes_are_biased_and_noise_leaves_it_open(self, study):
         fit = extrapolate(rows_of(study), "compacted_density")

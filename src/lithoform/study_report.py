@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,8 @@ from lithoform.report.page import Bullets, Cell, Page, Paragraph, Picture, Table
 __all__ = ["findings", "study_files"]
 
 _TONES = {"safe": "same", "open": "open", "biased": "strong"}
+# Measures that the rate may change.
+_AFTER = ("compacted_density", "settlement")
 _COLUMNS = ("seed", "rate_factor", "stiffness_factor", "inertial_number", "inverse_kappa", *MEASURES, "seconds")
 
 
@@ -47,20 +49,25 @@ def findings(study: Study, rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
 def _finding(fit: Extrapolation, rows: list[dict[str, Any]]) -> dict[str, Any]:
     settings = _settings(rows)
     real = settings[0].real
+
+    def told(of: Setting, against: Setting) -> dict[str, Any]:
+        value, low, high = fit.change(of, against)
+        return {"change": value, "interval": [low, high], "verdict": fit.verdict(of, against)}
+
     return {
         "measure": fit.name,
         "limit": fit.limit,
         "limit_error": fit.limit_error,
         "slope_inertial_number": float(fit.slopes[0]),
         "slope_inverse_kappa": float(fit.slopes[1]),
-        "slope_errors": np.sqrt(np.diag(fit.covariance)).tolist(),
-        "scatter": fit.scatter,
-        "freedom": fit.freedom,
+        "slope_errors": fit.errors.tolist(),
+        "scatter_of_runs": fit.scatter[0],
+        "scatter_of_beds": fit.scatter[1],
+        "freedom": list(fit.freedom),
         "settings": [
             {"rate_factor": s.rate_factor, "stiffness_factor": s.stiffness_factor,
-             "inertial_number": s.inertial_number, "kappa": 1.0 / s.inverse_kappa,
-             "change": fit.change(s, real)[0], "interval": list(fit.change(s, real)[1:]),
-             "verdict": fit.verdict(s, real)}
+             "inertial_number": s.inertial_number, "kappa": 1.0 / s.inverse_kappa, **told(s, real),
+             "rate_alone": told(s, s.changed(1.0, s.stiffness_factor))}
             for s in settings
         ],
     }  # fmt: skip
@@ -101,8 +108,10 @@ def _page(study: Study, rows: list[dict[str, Any]], fits: dict[str, Extrapolatio
     page.section("Packing density after gyration", Picture(
         picture, "Each point a run; lines: the common slopes; dashed: 30 gyrations a minute, 55 GPa."))  # fmt: skip
     page.section("Slopes", Paragraph(
-        "y = c_seed + a I + b / kappa by least squares. Standard errors are of the residuals: two runs that begin "
-        "alike soon differ, whatever the settings."), _slopes(fits.values()))  # fmt: skip
+        "y = c_seed + a I + b / kappa: a among runs that begin to gyrate from the same bed, b among beds. A bed of "
+        "stones of another stiffness has settled anew, and differs by chance."), _slopes(fits.values()))  # fmt: skip
+    page.section("Rate alone", Paragraph(
+        "Change against 30 gyrations a minute with the same stones."), _rates(rows, fits))  # fmt: skip
     page.section("Settings", Paragraph(
         "Change against 30 gyrations a minute and 55 GPa by that line, with an interval of 90 %. Safe: the interval is "
         "within the margin; biased: it lies outside; open: neither."), _changes(rows, fits))  # fmt: skip
@@ -121,14 +130,36 @@ def _sentence(fit: Extrapolation, rows: Sequence[dict[str, Any]]) -> str:
     )
 
 
-def _slopes(fits: Any) -> Table:
+def _slopes(fits: Iterable[Extrapolation]) -> Table:
     lines = []
     for fit in fits:
-        errors = np.sqrt(np.diag(fit.covariance))
-        told = [f"{a:+.2f} +- {e:.2f}" if e else "cannot" for a, e in zip(fit.slopes, errors, strict=True)]
-        lines.append((MEASURES[fit.name], f"{fit.limit:.4f} +- {fit.limit_error:.4f}", *told, f"{fit.scatter:.4f}",
-                      str(fit.freedom)))  # fmt: skip
-    return Table(("", "limit", "a", "b", "scatter", "freedom"), tuple(lines), texts=(0,))
+        told = [f"{a:+.2f} +- {e:.2f}" if n else "cannot" for a, e, n in zip(fit.slopes, fit.errors, fit.freedom,
+                                                                             strict=True)]  # fmt: skip
+        scatter = [f"{s:.4f} ({n})" if n else "-" for s, n in zip(fit.scatter, fit.freedom, strict=True)]
+        lines.append((MEASURES[fit.name], f"{fit.limit:.4f} +- {fit.limit_error:.4f}", *told, *scatter))
+    head = ("", "limit", "a", "b", "scatter of runs (freedom)", "of beds (freedom)")
+    return Table(head, tuple(lines), texts=(0,))
+
+
+def _rates(rows: Sequence[dict[str, Any]], fits: dict[str, Extrapolation]) -> Table:
+    base = _settings(rows)[0]
+    lines = []
+    for s in _settings(rows):
+        if s.stiffness_factor == base.stiffness_factor:
+            cells: list[Any] = [f"{s.rate_factor:g}", f"{s.inertial_number:.1e}"]
+            for name in _AFTER:
+                cells += _cells(fits[name], s, s.changed(1.0, s.stiffness_factor))
+            lines.append(tuple(cells))
+    head = ["rate factor", "I"]
+    for name in _AFTER:
+        head += [MEASURES[name], ""]
+    return Table(tuple(head), tuple(lines))
+
+
+def _cells(fit: Extrapolation, of: Setting, against: Setting) -> list[Any]:
+    value, low, high = fit.change(of, against)
+    verdict = fit.verdict(of, against)
+    return [f"{value:+.4f} ({low:+.4f} to {high:+.4f})", Cell(verdict, _TONES[verdict])]
 
 
 def _changes(rows: Sequence[dict[str, Any]], fits: dict[str, Extrapolation]) -> Table:
@@ -137,9 +168,7 @@ def _changes(rows: Sequence[dict[str, Any]], fits: dict[str, Extrapolation]) -> 
         cells: list[Any] = [f"{s.rate_factor:g}", f"{s.stiffness_factor:g}", f"{s.inertial_number:.1e}",
                             f"{1.0 / s.inverse_kappa:.0f}"]  # fmt: skip
         for fit in fits.values():
-            value, low, high = fit.change(s, s.real)
-            cells += [f"{value:+.4f} ({low:+.4f} to {high:+.4f})", Cell(fit.verdict(s, s.real),
-                                                                         _TONES[fit.verdict(s, s.real)])]  # fmt: skip
+            cells += _cells(fit, s, s.real)
         lines.append(tuple(cells))
     head = ["rate factor", "stiffness factor", "I", "kappa"]
     for fit in fits.values():

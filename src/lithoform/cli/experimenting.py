@@ -235,7 +235,8 @@ def scales(
         for s in row["settings"]:
             low, high = s["interval"]
             say(f"  rate x {s['rate_factor']:<4g} E x {s['stiffness_factor']:<5g} {s['change']:+.4f} ({low:+.4f} to "
-                f"{high:+.4f}) against 30 a minute and 55 GPa: {s['verdict']}")  # fmt: skip
+                f"{high:+.4f}) against 30 a minute and 55 GPa: {s['verdict']}; by the rate alone "
+                f"{s['rate_alone']['change']:+.4f}: {s['rate_alone']['verdict']}")  # fmt: skip
     say(f"\n{out}: {', '.join(files)}; {time.perf_counter() - began:.1f} s")
     return 0
 

@@ -6,7 +6,10 @@ both are small a packing density is linear in them,
 
     y = c_seed + a I + b / kappa,
 
-by least squares, with a constant for each seed, since the same seed has the same stones in the same places.
+with a constant for each seed, since the same seed has the same stones in the same places.  Runs of one seed and one
+stiffness begin to gyrate from the same pressed bed; a bed of another stiffness has settled anew, and differs by more
+than the gyrations make of it.  So a is fitted among runs of the same bed, and b among the beds, each with its own
+scatter.
 """
 
 from __future__ import annotations
@@ -165,15 +168,13 @@ class Extrapolation:
     name : str
         One of `MEASURES`.
     limit, limit_error : float
-        At I = 1 / kappa = 0, mean of the seeds, and its standard error: by the residuals, or by the scatter of the
-        specimens where that is larger.
-    slopes : numpy.ndarray, shape (2,)
-        a and b; a is 0 where the rate cannot matter.
-    covariance : numpy.ndarray, shape (2, 2)
-        Of a and b.
-    scatter : float
-        Standard deviation of the residuals.
-    freedom : int
+        At I = 1 / kappa = 0, mean of the seeds, and its standard error: by the scatter of the beds, or of the specimens
+        where that is larger.
+    slopes, errors : numpy.ndarray, shape (2,)
+        a and b, and their standard errors; a is 0 where the rate cannot matter.
+    scatter : (float, float)
+        Standard deviations of the residuals: of runs of one bed, and of beds.
+    freedom : (int, int)
         Their degrees of freedom.
     """
 
@@ -181,21 +182,25 @@ class Extrapolation:
     limit: float
     limit_error: float
     slopes: np.ndarray
-    covariance: np.ndarray
-    scatter: float
-    freedom: int
-
-    @property
-    def quantile(self) -> float:
-        """Of Student's distribution: half the interval of 90 % over the standard error."""
-        from scipy.stats import t
-
-        return float(t.ppf(0.5 + 0.5 * _CONFIDENCE, self.freedom))
+    errors: np.ndarray
+    scatter: tuple[float, float]
+    freedom: tuple[int, int]
 
     def change(self, of: Setting, against: Setting) -> tuple[float, float, float]:
-        """By how much a setting lies above another, and the interval of 90 % of that: value, low, high."""
+        """By how much a setting lies above another, and the interval of 90 % of that: value, low, high.
+
+        The degrees of freedom of both scatters together are those of Welch and Satterthwaite.
+        """
+        from scipy.stats import t
+
         x = np.array([of.inertial_number - against.inertial_number, of.inverse_kappa - against.inverse_kappa])
-        value, half = float(x @ self.slopes), self.quantile * math.sqrt(max(float(x @ self.covariance @ x), 0.0))
+        value, variances = float(x @ self.slopes), (x * self.errors) ** 2
+        total = float(variances.sum())
+        if total == 0.0:
+            return value, value, value
+        known = [(v, n) for v, n in zip(variances.tolist(), self.freedom, strict=True) if v > 0.0]
+        freedom = total**2 / sum(v**2 / n for v, n in known)
+        half = float(t.ppf(0.5 + 0.5 * _CONFIDENCE, freedom)) * math.sqrt(total)
         return value, value - half, value + half
 
     def verdict(self, of: Setting, against: Setting) -> str:
@@ -257,30 +262,49 @@ def extrapolate(rows: Iterable[dict[str, Any]], name: str) -> Extrapolation:
         If the runs do not tell the slopes, or leave no degree of freedom.
     """
     rows = list(rows)
-    columns = [1] if name in _BEFORE_GYRATION else [0, 1]
-    if name in _BEFORE_GYRATION:
-        # Runs that differ in the rate alone are the same until then, and count once.
-        rows = list({(row["seed"], row["stiffness_factor"]): row for row in rows}.values())
-    seeds = sorted({row["seed"] for row in rows})
-    x = np.array([[row["inertial_number"], row["inverse_kappa"]] for row in rows])[:, columns]
-    y = np.array([row[name] for row in rows])
-    scale = np.abs(x).max(axis=0)
-    dummies = np.array([[float(row["seed"] == seed) for seed in seeds] for row in rows])
-    design = np.concatenate([dummies, x / scale], axis=1)
-    freedom = len(y) - design.shape[1]
-    if freedom < 1 or np.linalg.matrix_rank(design) < design.shape[1]:
-        raise SampleError(f"{len(y)} runs do not tell how {MEASURES[name]} depends on rate and stiffness: at least two "
-                          "values of each and two seeds are needed.")  # fmt: skip
+    beds: dict[tuple[int, float], list[dict[str, Any]]] = {}
+    for row in rows:
+        beds.setdefault((row["seed"], row["stiffness_factor"]), []).append(row)
+    a, a_error, within, freedom = _within(list(beds.values()), name)
+    seeds = sorted({seed for seed, _ in beds})
+    at = [{key: float(np.mean([row[key] for row in bed])) for key in ("inertial_number", "inverse_kappa", name)}
+          for bed in beds.values()]  # fmt: skip
+    x = np.array([row["inverse_kappa"] for row in at])
+    y = np.array([row[name] - a * row["inertial_number"] for row in at])
+    design = np.array([[float(seed == one) for one in seeds] for seed, _ in beds])
+    design = np.concatenate([design, x[:, None] / x.max()], axis=1)
+    k = len(seeds)
+    free = len(y) - k - 1
+    if freedom < 0 or free < 1 or np.linalg.matrix_rank(design) < k + 1:
+        raise SampleError(f"{len(rows)} runs do not tell how {MEASURES[name]} depends on rate and stiffness: at least "
+                          "two values of each and two seeds are needed.")  # fmt: skip
     found, *_ = np.linalg.lstsq(design, y, rcond=None)
     residuals = y - design @ found
-    variance = float(residuals @ residuals) / freedom
+    variance = float(residuals @ residuals) / free
     covariance = variance * np.linalg.inv(design.T @ design)
-    k = len(seeds)
-    mean = np.concatenate([np.full(k, 1.0 / k), np.zeros(len(columns))])
-    slopes, spread = np.zeros(2), np.zeros((2, 2))
-    slopes[columns] = found[k:] / scale
-    spread[np.ix_(columns, columns)] = covariance[k:, k:] / np.outer(scale, scale)
-    # Specimens scatter among themselves by more than the residuals: both limits of the error of their mean.
+    mean = np.append(np.full(k, 1.0 / k), 0.0)
     among = float(np.std(found[:k], ddof=1)) / math.sqrt(k) if k > 1 else 0.0
     error = max(math.sqrt(float(mean @ covariance @ mean)), among)
-    return Extrapolation(name, float(mean @ found), error, slopes, spread, math.sqrt(variance), freedom)
+    return Extrapolation(
+        name, float(mean @ found), error, np.array([a, found[k] / x.max()]),
+        np.array([a_error, math.sqrt(covariance[k, k]) / x.max()]), (within, math.sqrt(variance)), (freedom, free),
+    )  # fmt: skip
+
+
+def _within(beds: list[list[dict[str, Any]]], name: str) -> tuple[float, float, float, int]:
+    """Slope over I among runs of the same bed, its standard error, the scatter, and the degrees of freedom.
+
+    These are -1 if the runs do not tell it.
+    """
+    if name in _BEFORE_GYRATION:
+        return 0.0, 0.0, 0.0, 0
+    x, y, freedom = np.zeros(0), np.zeros(0), -1
+    for bed in beds:
+        numbers, values = (np.array([row[key] for row in bed]) for key in ("inertial_number", name))
+        x, y = np.append(x, numbers - numbers.mean()), np.append(y, values - values.mean())
+        freedom += len(bed) - 1
+    if freedom < 1:
+        return 0.0, 0.0, 0.0, -1
+    slope = float(x @ y / (x @ x))
+    scatter = math.sqrt(float(((y - slope * x) ** 2).sum()) / freedom)
+    return slope, scatter / math.sqrt(float(x @ x)), scatter, freedom

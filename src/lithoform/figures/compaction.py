@@ -243,7 +243,7 @@ def trends_figure(trends: Sequence[Trend]) -> np.ndarray:
     -------
     numpy.ndarray, shape (height, width, 3), uint8
     """
-    with sheet(85.0 * len(trends), 78.0, _DPI) as page:
+    with sheet(85.0 * len(trends), 86.0, _DPI) as page:
         for i, trend in enumerate(trends):
             axes = page.axes(16.0 + 85.0 * i, 5.0, 64.0, 57.0)
             plain_axes(axes, trend.title, "packing density")
@@ -256,5 +256,5 @@ def trends_figure(trends: Sequence[Trend]) -> np.ndarray:
             axes.set_xlim(left=0.0)
             axes.ticklabel_format(axis="x", style="sci", scilimits=(-2, 2), useMathText=True)
             axes.xaxis.get_offset_text().set_fontsize(6.5)
-            axes.legend(fontsize=6.0, frameon=False)
+            axes.legend(fontsize=6.0, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncol=2)
         return page.pixels()
