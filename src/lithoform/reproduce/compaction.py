@@ -1,7 +1,7 @@
 """Fig. 11 to 13 and Table 6: the gyratory compactor with scanned and with generated stones, beside the paper's numbers.
 
-The paper's specimens have 9,000 stones in a mould of 150 mm.  Ours have some hundred in a mould just as wide as they
-need, stones ten times softer and a faster mould, and fewer cases: what differs between the sources is to be compared,
+The paper's specimens have 9,000 stones in a mould of 150 mm.  Ours have some hundred in narrower moulds, the same
+for both sources, softer stones and a faster mould, and fewer cases: what differs between the sources is to be compared,
 the level of packing density is not.  NIST's particles of FDOT-57 take the place of the paper's scans.
 """
 
