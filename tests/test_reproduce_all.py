@@ -105,7 +105,7 @@ def test_the_list_looks_at_the_files(run, tmp_path):
     status, out, _ = run("reproduce", "--list")
     assert status == 0
     assert "lithoform reproduce fig12" in out
-    assert "estimated 45 min" in out
+    assert "estimated 90 min" in out
 
 
 @pytest.mark.usefixtures("packages")
@@ -438,7 +438,8 @@ def run_of(case: int, sample: int) -> dict:
     densities = [0.52 + 0.001 * (case + sample) + 0.005 * g for g in gyrations]
     return {
         "case": case, "sample": sample, "name": f"{case}-{sample}", "stones": 300, "mould_diameter": 0.08,
-        "mould_over_largest_stone": 5.0, "fit": {"A": 0.05, "A_mm": 50.0, "B": -0.03, "R2": 0.995},
+        "mould_over_largest_stone": 5.0, "height_scale": 0.5,
+        "fit": {"A": 0.05, "A_mm": 50.0, "B": -0.03, "R2": 0.995},
         "series": {"gyration": gyrations, "height": heights, "packing_density": densities},
         "loose": {"height": 0.05, "packing_density": densities[0]},
         "compacted": {"height": heights[-1], "packing_density": densities[-1], "gyration": 6.0},
