@@ -26,7 +26,8 @@ def test_derive_equals_the_definition(seed, words):
 
 def test_roles_are_part_of_the_file_format():
     named = {r.name: int(r) for r in Role}
-    assert named == {"WARP": 1, "RELIEF": 2, "CHIPS": 3, "PARTICLE": 4, "DIMENSIONS": 5, "POPULATION": 6}
+    assert named == {"WARP": 1, "RELIEF": 2, "CHIPS": 3, "PARTICLE": 4, "DIMENSIONS": 5, "POPULATION": 6,
+                     "SPECIMEN": 7}  # fmt: skip
     assert (oracles.WARP, oracles.RELIEF, oracles.CHIPS) == (Role.WARP, Role.RELIEF, Role.CHIPS)
 
 
@@ -37,7 +38,7 @@ def test_no_two_purposes_share_a_sub_seed():
         for role in Role
         for words in [(), *((o,) for o in range(60)), *((o, c) for o in range(10) for c in range(10))]
     ]
-    assert len(set(made)) == len(made) == 42 * 6 * 161
+    assert len(set(made)) == len(made) == 42 * 7 * 161
 
 
 def test_every_input_bit_flips_half_of_the_output_bits():
