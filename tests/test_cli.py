@@ -603,11 +603,32 @@ def test_a_folder_without_permission_is_a_clear_error(run, tmp_path):
     assert "cannot be used" in err
 
 
-def test_every_command_has_help_with_an_example(run):
-    for words in ([], ["generate"], ["check"], ["reproduce"]):
-        status, out, _ = run(*words, "--help")
-        assert status == 0
-        assert "Example" in out
+def commands(group=cli.app, words=()):
+    """Words and function of every command."""
+    names = [name for name in group if not name.startswith("-")]
+    if group.default_command is not None:
+        yield words, group
+    for name in names:
+        yield from commands(group[name], (*words, name))
+
+
+@pytest.mark.parametrize(("words", "command"), [pytest.param(*found, id=" ".join(found[0])) for found in commands()])
+def test_every_command_has_help_with_an_example_and_a_word_on_each_option(run, words, command):
+    status, out, _ = run(*words, "--help")
+    assert status == 0
+    assert "Example" in out
+    assert "--empty-" not in out
+    told = [
+        argument for argument in command.assemble_argument_collection(parse_docstring=True) if not argument.children
+    ]
+    assert len(told) > 2
+    assert [argument.name for argument in told if not argument.parameter.help] == []
+
+
+def test_help_and_version(run):
+    status, out, _ = run("--help")
+    assert status == 0
+    assert "Example" in out
     status, out, _ = run("--version")
     assert status == 0
     assert out.strip().count(".") == 2

@@ -141,22 +141,28 @@ class TestRuns:
         assert {run.request.population.name for run in plan if run.sample == 0} == {"a"}
         assert {run.request.population.name for run in plan if run.sample} == {"b"}
 
-    def test_what_is_done_is_not_done_again(self, tmp_path, monkeypatch):
-        """Runs are made by a stand-in, which fails once: what was done before is kept, the rest is made on resuming."""
-        made = []
+    @pytest.fixture
+    def made(self, monkeypatch) -> list[str]:
+        """Names of the runs, which a stand-in makes; what it is told to fail with, by `self.faults`."""
+        names = []
         results = {key: value for key, value in row(1, 0, 0.5).items() if key not in ("case", "sample", "name")}
+        self.faults = {}
 
         def stand_in(request, out, **_):
-            if len(made) == 3 and out.name == "case2_generated1":
-                made.append("failed")
-                raise OutputError("the disk is full.")
-            made.append(out.name)
+            names.append(out.name)
+            if out.name in self.faults:
+                raise self.faults.pop(out.name)
             out.mkdir(parents=True, exist_ok=True)
             (out / "compaction.json").write_text(json.dumps({"finished": True, "results": results}))
             return {"seconds": 0.0}
 
         monkeypatch.setattr(module, "run_compaction", stand_in)
         monkeypatch.setattr(module, "check_request", lambda *_, **__: None)
+        return names
+
+    def test_what_is_done_is_not_done_again(self, tmp_path, made):
+        """A run fails once for want of space: what was done before is kept, the rest is made on resuming."""
+        self.faults["case2_generated1"] = OutputError("the disk is full.")
         plan = Experiment(scanned=tmp_path / "a", generated=tmp_path / "b", cases=2, generated_runs=1)
         with pytest.raises(OutputError, match="case2_generated1: the disk is full"):
             run_experiment(plan, tmp_path / "out", workers=0)
@@ -164,27 +170,17 @@ class TestRuns:
             run_experiment(plan, tmp_path / "out", workers=0)
         told = []
         found = run_experiment(plan, tmp_path / "out", workers=0, resume=True, told=told.append)
-        assert made == ["case1_scanned", "case1_generated1", "case2_scanned", "failed", "case2_generated1"]
+        assert made == ["case1_scanned", "case1_generated1", "case2_scanned", "case2_generated1", "case2_generated1"]
         assert told[0] == "3 of 4 runs are there."
         assert [(r["case"], r["sample"]) for r in found] == [(1, 0), (1, 1), (2, 0), (2, 1)]
         other = Experiment(scanned=tmp_path / "a", generated=tmp_path / "b", cases=3, generated_runs=1)
         with pytest.raises(OutputError, match=r"other settings \(cases\)"):
             run_experiment(other, tmp_path / "out", resume=True)
 
-    def test_a_simulation_that_fails_stops_no_other_run(self, tmp_path, monkeypatch):
-        made = []
-        results = {key: value for key, value in row(1, 0, 0.5).items() if key not in ("case", "sample", "name")}
-
-        def stand_in(request, out, **_):
-            made.append(out.name)
-            if out.name == "case1_scanned":
-                raise SimulationError("stone 3 is no number any more at t = 1 s.", time=1.0, bodies=(3,))
-            out.mkdir(parents=True, exist_ok=True)
-            (out / "compaction.json").write_text(json.dumps({"finished": True, "results": results}))
-            return {"seconds": 0.0}
-
-        monkeypatch.setattr(module, "run_compaction", stand_in)
-        monkeypatch.setattr(module, "check_request", lambda *_, **__: None)
+    def test_a_simulation_that_fails_stops_no_other_run(self, tmp_path, made):
+        self.faults["case1_scanned"] = SimulationError(
+            "stone 3 is no number any more at t = 1 s.", time=1.0, bodies=(3,)
+        )
         plan = Experiment(scanned=tmp_path / "a", generated=tmp_path / "b", cases=2, generated_runs=1)
         with pytest.raises(SimulationError, match=r"^case1_scanned: stone 3 .* at t = 1 s; the 3 other runs are kept"):
             run_experiment(plan, tmp_path / "out", workers=0)

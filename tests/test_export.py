@@ -341,7 +341,10 @@ def test_liggghts_takes_any_stiffness(scene, tmp_path, softened: float) -> None:
     stones = Scene(model=dataclasses.replace(scene.model, materials=(dem.TABLE_10.softened(softened),)),
                    state=scene.state)  # fmt: skip
     export_deck("liggghts", stones, tmp_path, spheres=2, threads=1)
-    run([LIGGGHTS, "-in", "in.liggghts", "-var", "steps", "10", "-var", "relax", "0"], tmp_path)
+    text = run([LIGGGHTS, "-in", "in.liggghts", "-var", "steps", "10", "-var", "relax", "0"], tmp_path)
+    assert "ERROR" not in text
+    # Two spheres a stone, and none was lost.
+    assert len(dumped(tmp_path / "end.dump")) == 2 * scene.model.count
 
 
 @needs_yade

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lithoform.cli.arguments import Flag, Json, Whole
-from lithoform.cli.output import plain_warnings, say
-from lithoform.errors import LithoformError, RecipeError
+from lithoform.cli.output import can_draw, plain_warnings, say
+from lithoform.errors import RecipeError
 
 if TYPE_CHECKING:
     from lithoform.compaction.run import Drawing
@@ -146,7 +146,7 @@ def compact(
     try:
         with plain_warnings():
             results = run_compaction(request, out, device=device, threads=threads, overwrite=overwrite, resume=resume,
-                                     progress=True, told=told, draw=_draw if _can_draw() else None)  # fmt: skip
+                                     progress=True, told=told, draw=_draw if can_draw() else None)  # fmt: skip
     except KeyboardInterrupt:
         option = "--resume in place of --overwrite" if overwrite else "--resume"
         print(f"lithoform: interrupted; the same command with {option} goes on with {out}.", file=sys.stderr)
@@ -157,17 +157,6 @@ def compact(
     _tell(results)
     say(f"\n{out}: compaction.json, table.parquet, blocks.csv, report.html; {time.perf_counter() - began:.1f} s")
     return 0
-
-
-def _can_draw() -> bool:
-    from lithoform.rendering import require_pictures
-
-    try:
-        require_pictures()
-    except LithoformError as error:
-        print(f"no picture is drawn: {error}", file=sys.stderr)
-        return False
-    return True
 
 
 def _draw(drawing: Drawing) -> dict[str, bytes]:

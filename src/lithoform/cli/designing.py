@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 __all__ = ["design"]
 
-design = App(name="design", help="Design stones with given descriptors; build libraries for it.")
+design = App(name="design", help_format="markdown")
 library = App(name="library", help="Design libraries.")
 design.command(library)
 

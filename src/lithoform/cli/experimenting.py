@@ -6,7 +6,8 @@ import json
 import math
 import sys
 import time
-from dataclasses import asdict
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -18,6 +19,35 @@ from lithoform.cli.output import say
 __all__ = ["experiment"]
 
 experiment = App(name="experiment", help="Experiments with the compactor: sgc, scales.", help_format="markdown")
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class Options:
+    """How an experiment is carried out.
+
+    Attributes
+    ----------
+    device
+        auto, cpu or cuda; local runs take all GPUs in turn.
+    workers
+        Local processes [default: the processors at hand]; 0: this one, one run after another.
+    scheduler
+        Address of a Dask scheduler, such as tcp://node:8786, in place of local processes.
+    resume
+        Go on with what OUT holds.
+    json_
+        Print one JSON object instead of text.
+    debug
+        Show the traceback of an error.
+    """
+
+    device: str = "auto"
+    workers: Whole | None = None
+    scheduler: str | None = None
+    resume: Flag = False
+    json_: Json = False
+    debug: Flag = False
 
 
 @experiment.command
@@ -35,12 +65,7 @@ def sgc(
     rate_factor: float | None = None,
     stiffness_factor: float | None = None,
     seed: Whole = 0,
-    device: str = "auto",
-    workers: Whole | None = None,
-    scheduler: str | None = None,
-    resume: Flag = False,
-    json_: Json = False,
-    debug: Flag = False,
+    options: Options | None = None,
 ) -> int:
     """Compact specimens of scanned and of generated stones alike, and compare them: section 6 of the paper.
 
@@ -56,8 +81,10 @@ def sgc(
     ----------
     out
         Folder for the results.
-    scanned, generated
-        Databases.
+    scanned
+        Database of scanned stones.
+    generated
+        Database of generated stones.
     cases
         Of the paper: 6.
     generated_runs
@@ -69,30 +96,18 @@ def sgc(
         Diameter, such as 80mm, in place of that of the scale; all specimens fill it alike.
     gyrations
         At most, in place of those of the scale.
-    rate_factor, stiffness_factor
-        As lithoform compact.
+    rate_factor
+        On 30 gyrations a minute [default: 40; at the paper's scale 20].
+    stiffness_factor
+        On Young's modulus of the paper's Table 10 [default: 0.2].
     seed
         Each run has one of its own, made of this one.
-    device
-        auto, cpu or cuda.
-    workers
-        Local processes [default: the processors at hand]; 0: threads of this process.
-    scheduler
-        Address of a Dask scheduler, such as tcp://node:8786, in place of local processes.
-    resume
-        Go on with the experiment that OUT holds.
-    json_
-        Print one JSON object instead of text.
-    debug
-        Show the traceback of an error.
     """
-    from lithoform.atomic import atomic_write
     from lithoform.compaction.experiment import MEASURES, Experiment, compare_sources, run_experiment
     from lithoform.experiment_report import experiment_files, summary
     from lithoform.gradation.quantities import parse_length
-    from lithoform.warp_runtime import resolve_device
 
-    began = time.perf_counter()
+    began, options = time.perf_counter(), options or Options()
     given = {
         "mould": None if mould is None else parse_length(mould),
         "gyrations": gyrations,
@@ -102,23 +117,13 @@ def sgc(
     changes = {name: value for name, value in given.items() if value is not None}
     plan = Experiment(scanned=scanned, generated=generated, cases=cases, generated_runs=generated_runs, scale=scale,
                       seed=seed, changes=changes)  # fmt: skip
-    resolve_device(device)
-
-    def told(line: str) -> None:
-        if not json_:
-            say(line)
-
-    try:
-        rows = run_experiment(plan, out, device=device, workers=workers, scheduler=scheduler, resume=resume,
-                              progress=True, told=told)  # fmt: skip
-    except KeyboardInterrupt:
-        print(f"lithoform: interrupted; the same command with --resume goes on with {out}.", file=sys.stderr)
+    rows = _carried_out(run_experiment, plan, out, options)
+    if rows is None:
         return 130
     files = experiment_files(plan, rows)
-    for name, content in files.items():
-        atomic_write(out / name, content)
+    _write(out, files)
     found = compare_sources(rows) if cases > 1 else []
-    if json_:
+    if options.json_:
         verdicts = [{**asdict(row), "verdict": row.verdict} for row in found]
         told_all = {"out": str(out), "files": list(files), "runs": summary(rows), "verdicts": verdicts}
         say(json.dumps(_finite(told_all), indent=2, allow_nan=False))
@@ -140,20 +145,15 @@ def scales(
     /,
     *,
     population: Path,
-    rate_factors: Annotated[list[str] | None, Parameter(consume_multiple=True)] = None,
-    stiffness_factors: Annotated[list[str] | None, Parameter(consume_multiple=True)] = None,
+    rate_factors: Annotated[list[str] | None, Parameter(negative="", consume_multiple=True)] = None,
+    stiffness_factors: Annotated[list[str] | None, Parameter(negative="", consume_multiple=True)] = None,
     seeds: Whole = 3,
     seed: Whole = 0,
     count: Whole = 60,
     gyrations: Whole = 5,
     min_size: str = "9.5mm",
     gradation: str = "AC-13",
-    device: str = "auto",
-    workers: Whole | None = None,
-    scheduler: str | None = None,
-    resume: Flag = False,
-    json_: Json = False,
-    debug: Flag = False,
+    options: Options | None = None,
 ) -> int:
     """Measure what a faster mould and softer stones change, and which settings are safe.
 
@@ -178,7 +178,7 @@ def scales(
     seeds
         Specimens, each with all settings.
     seed
-        Of the first specimen.
+        Each specimen has one of its own, made of this one.
     count
         Stones of a specimen.
     gyrations
@@ -187,47 +187,23 @@ def scales(
         Least sieve size.
     gradation
         Name, such as AC-13, or a file.
-    device
-        auto, cpu or cuda.
-    workers
-        Local processes [default: the processors at hand]; 0: threads of this process.
-    scheduler
-        Address of a Dask scheduler, in place of local processes.
-    resume
-        Go on with the study that OUT holds.
-    json_
-        Print one JSON object instead of text.
-    debug
-        Show the traceback of an error.
     """
-    from lithoform.atomic import atomic_write
     from lithoform.compaction.study import MEASURES, Study, run_study
     from lithoform.gradation.quantities import parse_length
     from lithoform.study_report import findings, study_files
-    from lithoform.warp_runtime import resolve_device
 
-    began = time.perf_counter()
+    began, options = time.perf_counter(), options or Options()
     lists = {"rate_factors": _numbers("rate-factors", rate_factors),
              "stiffness_factors": _numbers("stiffness-factors", stiffness_factors)}  # fmt: skip
     study = Study(population=population, seeds=seeds, seed=seed, count=count, gyrations=gyrations,
                   min_size=parse_length(min_size), gradation=gradation,
                   **{name: values for name, values in lists.items() if values is not None})  # fmt: skip
-    resolve_device(device)
-
-    def told(line: str) -> None:
-        if not json_:
-            say(line)
-
-    try:
-        rows = run_study(study, out, device=device, workers=workers, scheduler=scheduler, resume=resume,
-                         progress=True, told=told)  # fmt: skip
-    except KeyboardInterrupt:
-        print(f"lithoform: interrupted; the same command with --resume goes on with {out}.", file=sys.stderr)
+    rows = _carried_out(run_study, study, out, options)
+    if rows is None:
         return 130
     files, found = study_files(study, rows), findings(study, rows)
-    for name, content in files.items():
-        atomic_write(out / name, content)
-    if json_:
+    _write(out, files)
+    if options.json_:
         say(json.dumps({"out": str(out), "files": list(files), "runs": rows, "measures": found}, indent=2))
         return 0
     for row in found:
@@ -239,6 +215,33 @@ def scales(
                 f"{s['rate_alone']['change']:+.4f}: {s['rate_alone']['verdict']}")  # fmt: skip
     say(f"\n{out}: {', '.join(files)}; {time.perf_counter() - began:.1f} s")
     return 0
+
+
+def _carried_out(
+    run: Callable[..., list[dict[str, Any]]], plan: Any, out: Path, options: Options
+) -> list[dict[str, Any]] | None:
+    """Rows of a plan, with a line for each run that is done; None where it was interrupted, which is told."""
+    from lithoform.warp_runtime import resolve_device
+
+    resolve_device(options.device)
+
+    def told(line: str) -> None:
+        if not options.json_:
+            say(line)
+
+    try:
+        return run(plan, out, device=options.device, workers=options.workers, scheduler=options.scheduler,
+                   resume=options.resume, progress=True, told=told)  # fmt: skip
+    except KeyboardInterrupt:
+        print(f"lithoform: interrupted; the same command with --resume goes on with {out}.", file=sys.stderr)
+        return None
+
+
+def _write(out: Path, files: dict[str, bytes]) -> None:
+    from lithoform.atomic import atomic_write
+
+    for name, content in files.items():
+        atomic_write(out / name, content)
 
 
 def _finite(value: Any) -> Any:

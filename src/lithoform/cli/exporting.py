@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -17,6 +18,35 @@ __all__ = ["export"]
 export = App(name="export", help="Decks for other engines: lammps, liggghts, yade.", help_format="markdown")
 
 
+@Parameter(name="*")
+@dataclass(frozen=True)
+class Options:
+    """What all decks are asked for.
+
+    Attributes
+    ----------
+    stones
+        Where the database or the meshes of the specimen are now [default: where they were].
+    device
+        auto, cpu or cuda: what makes stones from recipes.
+    threads
+        [default: the processors at hand]; the result does not depend on it.
+    overwrite
+        Replace the deck that OUT holds.
+    json_
+        Print one JSON object instead of text.
+    debug
+        Show the traceback of an error.
+    """
+
+    stones: Annotated[list[Path] | None, Parameter(negative="", consume_multiple=True)] = None
+    device: str = "auto"
+    threads: Whole | None = None
+    overwrite: Flag = False
+    json_: Json = False
+    debug: Flag = False
+
+
 @export.command
 def lammps(
     specimen: Path,
@@ -24,12 +54,7 @@ def lammps(
     *,
     out: Path,
     spheres: Whole = 40,
-    stones: Annotated[list[Path] | None, Parameter(consume_multiple=True)] = None,
-    device: str = "auto",
-    threads: Whole | None = None,
-    overwrite: Flag = False,
-    json_: Json = False,
-    debug: Flag = False,
+    options: Options | None = None,
 ) -> int:
     """Write a deck for LAMMPS: clumps of spheres as rigid bodies.
 
@@ -46,20 +71,8 @@ def lammps(
         Folder for the deck.
     spheres
         Of a clump, at most.
-    stones
-        Where the database or the meshes of the specimen are now [default: where they were].
-    device
-        auto, cpu or cuda: what makes stones from recipes.
-    threads
-        [default: the processors at hand]; the result does not depend on it.
-    overwrite
-        Replace the deck that OUT holds.
-    json_
-        Print one JSON object instead of text.
-    debug
-        Show the traceback of an error.
     """
-    return _export("lammps", specimen, out, stones, device, threads, overwrite, json_, spheres=spheres)
+    return _export("lammps", specimen, out, options or Options(), spheres=spheres)
 
 
 @export.command
@@ -69,12 +82,7 @@ def liggghts(
     *,
     out: Path,
     spheres: Whole = 40,
-    stones: Annotated[list[Path] | None, Parameter(consume_multiple=True)] = None,
-    device: str = "auto",
-    threads: Whole | None = None,
-    overwrite: Flag = False,
-    json_: Json = False,
-    debug: Flag = False,
+    options: Options | None = None,
 ) -> int:
     """Write a deck for LIGGGHTS-PUBLIC: clumps of spheres as multispheres.
 
@@ -91,20 +99,8 @@ def liggghts(
         Folder for the deck.
     spheres
         Of a clump, at most.
-    stones
-        Where the database or the meshes of the specimen are now [default: where they were].
-    device
-        auto, cpu or cuda: what makes stones from recipes.
-    threads
-        [default: the processors at hand]; the result does not depend on it.
-    overwrite
-        Replace the deck that OUT holds.
-    json_
-        Print one JSON object instead of text.
-    debug
-        Show the traceback of an error.
     """
-    return _export("liggghts", specimen, out, stones, device, threads, overwrite, json_, spheres=spheres)
+    return _export("liggghts", specimen, out, options or Options(), spheres=spheres)
 
 
 @export.command
@@ -114,12 +110,7 @@ def yade(
     *,
     out: Path,
     vertices: Whole = 50,
-    stones: Annotated[list[Path] | None, Parameter(consume_multiple=True)] = None,
-    device: str = "auto",
-    threads: Whole | None = None,
-    overwrite: Flag = False,
-    json_: Json = False,
-    debug: Flag = False,
+    options: Options | None = None,
 ) -> int:
     """Write a deck for YADE: convex polyhedra.
 
@@ -136,20 +127,8 @@ def yade(
         Folder for the deck.
     vertices
         Of a polyhedron, at most.
-    stones
-        Where the database or the meshes of the specimen are now [default: where they were].
-    device
-        auto, cpu or cuda: what makes stones from recipes.
-    threads
-        [default: the processors at hand]; the result does not depend on it.
-    overwrite
-        Replace the deck that OUT holds.
-    json_
-        Print one JSON object instead of text.
-    debug
-        Show the traceback of an error.
     """
-    return _export("yade", specimen, out, stones, device, threads, overwrite, json_, vertices=vertices)
+    return _export("yade", specimen, out, options or Options(), vertices=vertices)
 
 
 # What the errors of a deck are called, and what they are shares of.
@@ -163,10 +142,7 @@ _TOLD = {
 }
 
 
-def _export(
-    engine: str, specimen: Path, out: Path, stones: list[Path] | None, device: str, threads: int | None,
-    overwrite: bool, json_: bool, **options: int,
-) -> int:  # fmt: skip
+def _export(engine: str, specimen: Path, out: Path, options: Options, **detail: int) -> int:
     from lithoform.errors import OutputError
     from lithoform.export.deck import export_deck
     from lithoform.export.scene import read_scene
@@ -175,10 +151,13 @@ def _export(
     began = time.perf_counter()
     if out.resolve().is_relative_to(specimen.resolve()):
         raise OutputError(f"the deck would lie in the folder of the specimen, {specimen}: name another for --out.")
-    resolve_device(device)
-    scene = read_scene(specimen, stones=stones or (), device=device, threads=threads, progress=not json_)
-    results = export_deck(engine, scene, out, threads=threads, overwrite=overwrite, progress=not json_, **options)
-    if json_:
+    resolve_device(options.device)
+    progress = not options.json_
+    scene = read_scene(specimen, stones=options.stones or (), device=options.device, threads=options.threads,
+                       progress=progress)  # fmt: skip
+    results = export_deck(engine, scene, out, threads=options.threads, overwrite=options.overwrite, progress=progress,
+                          **detail)  # fmt: skip
+    if options.json_:
         say(json.dumps({"out": str(out), **results}, indent=2))
         return 0
     kind = "spheres" if engine != "yade" else "vertices"

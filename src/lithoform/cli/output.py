@@ -10,9 +10,9 @@ import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from lithoform.errors import OutputError
+from lithoform.errors import LithoformError, OutputError
 
-__all__ = ["drop_output", "one_line", "open_output", "opened", "plain_warnings", "say", "say_table"]
+__all__ = ["can_draw", "drop_output", "one_line", "open_output", "opened", "plain_warnings", "say", "say_table"]
 
 
 def open_output() -> None:
@@ -44,6 +44,18 @@ def plain_warnings() -> Iterator[None]:
 
         warnings.showwarning = show
         yield
+
+
+def can_draw() -> bool:
+    """Whether pictures can be drawn here; if not, why is told."""
+    from lithoform.rendering import require_pictures
+
+    try:
+        require_pictures()
+    except LithoformError as error:
+        print(f"no picture is drawn: {error}", file=sys.stderr)
+        return False
+    return True
 
 
 def drop_output() -> None:

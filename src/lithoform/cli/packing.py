@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from lithoform.cli.arguments import Flag, Json, Whole
-from lithoform.cli.output import plain_warnings, say
-from lithoform.errors import LithoformError
+from lithoform.cli.output import can_draw, plain_warnings, say
 
 if TYPE_CHECKING:
     from lithoform.packing.run import Made
@@ -109,7 +108,7 @@ def pack(
         vtk=vtk,
     )
     resolve_device(device)
-    draws = _can_draw()
+    draws = can_draw()
     lines: list[str] = []
 
     def told(line: str) -> None:
@@ -132,17 +131,6 @@ def pack(
     say(f"\n{out}: packing.json, blocks.csv, table.parquet{', packing.png' if draws else ''}"
         f"{', vtk, vtk_meshes' if vtk else ''}; {time.perf_counter() - began:.1f} s")  # fmt: skip
     return 0
-
-
-def _can_draw() -> bool:
-    from lithoform.rendering import require_pictures
-
-    try:
-        require_pictures()
-    except LithoformError as error:
-        print(f"no picture is drawn: {error}", file=sys.stderr)
-        return False
-    return True
 
 
 def _picture(made: Made) -> bytes:

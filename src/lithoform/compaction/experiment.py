@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -128,17 +128,7 @@ class Run:
         return f"case{self.case}_{f'generated{self.sample}' if self.sample else 'scanned'}"
 
 
-def run_experiment(
-    experiment: Experiment,
-    out: Path,
-    *,
-    device: str = "auto",
-    workers: int | None = None,
-    scheduler: str | None = None,
-    resume: bool = False,
-    progress: bool = False,
-    told: Callable[[str], object] = lambda _: None,
-) -> list[dict[str, Any]]:
+def run_experiment(experiment: Experiment, out: Path, **how: Any) -> list[dict[str, Any]]:
     """Carry out an experiment: each run in a folder of its own, whole or to be gone on with.
 
     Parameters
@@ -146,8 +136,8 @@ def run_experiment(
     experiment : Experiment
     out : Path
         Folder.
-    device, workers, scheduler, resume, progress, told
-        As `lithoform.compaction.campaign.run_campaign`.
+    **how
+        device, workers, scheduler, resume, progress and told of `lithoform.compaction.campaign.run_campaign`.
 
     Returns
     -------
@@ -160,10 +150,8 @@ def run_experiment(
         As `lithoform.compaction.campaign.run_campaign`.
     """
     plan = experiment.plan()
-    found = run_campaign(
-        [(run.name, run.request) for run in plan], experiment.settings(), out, what="experiment", device=device,
-        workers=workers, scheduler=scheduler, resume=resume, progress=progress, told=told,
-    )  # fmt: skip
+    named = [(run.name, run.request) for run in plan]
+    found = run_campaign(named, experiment.settings(), out, what="experiment", **how)
     return [{"case": run.case, "sample": run.sample, "name": run.name, **row}
             for run, row in zip(plan, found, strict=True)]  # fmt: skip
 

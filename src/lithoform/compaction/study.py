@@ -15,7 +15,7 @@ scatter.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -116,7 +116,7 @@ class Study:
                 "min_size": self.min_size, "gradation": self.gradation}  # fmt: skip
 
 
-def run_study(study: Study, out: Path, *, told: Callable[[str], object] = lambda _: None, **how: Any) -> list[dict]:
+def run_study(study: Study, out: Path, **how: Any) -> list[dict[str, Any]]:
     """Carry out a study, or go on with it.
 
     Parameters
@@ -124,10 +124,8 @@ def run_study(study: Study, out: Path, *, told: Callable[[str], object] = lambda
     study : Study
     out : Path
         Folder.
-    told : callable
-        Is told of each run that is done.
     **how
-        device, workers, scheduler, resume and progress of `lithoform.compaction.campaign.run_campaign`.
+        device, workers, scheduler, resume, progress and told of `lithoform.compaction.campaign.run_campaign`.
 
     Returns
     -------
@@ -140,7 +138,7 @@ def run_study(study: Study, out: Path, *, told: Callable[[str], object] = lambda
         As `lithoform.compaction.campaign.run_campaign`.
     """
     plan = study.plan()
-    found = run_campaign(plan, study.settings(), out, what="study", told=told, **how)
+    found = run_campaign(plan, study.settings(), out, what="study", **how)
     return [_row(request, results) for (_, request), results in zip(plan, found, strict=True)]
 
 

@@ -9,17 +9,27 @@ all radii grow by the same length, so that the union of the spheres has the volu
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
-from lithoform.dem import Shape
+from lithoform.dem import Model, Shape
 from lithoform.errors import SceneError
 from lithoform.lazy import cached_property
 from lithoform.mesh import Mesh
 
-__all__ = ["MOST_SPHERES", "SPHERES", "Clump", "at_least_two", "make_clump", "surface_points", "union_moments"]
+__all__ = [
+    "MOST_SPHERES",
+    "SPHERES",
+    "Clump",
+    "at_least_two",
+    "extremes",
+    "make_clump",
+    "surface_points",
+    "union_moments",
+]
 
 SPHERES: Final = 40
 """Spheres of a clump, at most, unless told."""
@@ -316,6 +326,20 @@ def _farthest(clump: Clump, surface: _Surface) -> float:
     beside = np.abs(((places - surface.points[nearest]) * surface.normals[nearest]).sum(axis=1))
     spacing = math.sqrt(surface.area / len(surface.points))
     return float(np.where(distance < 3.0 * spacing, beside, distance).max())
+
+
+def extremes(clumps: Sequence[Clump], model: Model) -> tuple[float, float]:
+    """Least radius of a sphere of all blocks, and greatest reach of a block [m].
+
+    Parameters
+    ----------
+    clumps : sequence of Clump
+        Of each shape of the model.
+    model : Model
+    """
+    blocks = list(zip(model.shape.tolist(), model.scale.tolist(), strict=True))
+    return (min(float(clumps[shape].radii.min()) * scale for shape, scale in blocks),
+            max(clumps[shape].reach * scale for shape, scale in blocks))  # fmt: skip
 
 
 def at_least_two(clump: Clump) -> Clump:

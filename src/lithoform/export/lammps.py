@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from lithoform.dem import Cylinder, Plane
-from lithoform.export.clumps import Clump
+from lithoform.export.clumps import Clump, extremes
 from lithoform.export.scene import Contact, Scene
 
 __all__ = ["lammps_files"]
@@ -86,7 +86,7 @@ def _law(scene: Scene, a: int, b: int, *, wall: bool = False) -> str:
 def _box(scene: Scene, clumps: Sequence[Clump]) -> tuple[np.ndarray, np.ndarray]:
     """Corners of the box of the simulation: about the blocks and the walls, with room for those that jump."""
     low, high = scene.room
-    reach = max(clump.reach for clump in clumps) * float(scene.model.scale.max())
+    _, reach = extremes(clumps, scene.model)
     room = 0.5 * (high - low) + 2.0 * reach
     return low - room, high + room
 
@@ -163,12 +163,9 @@ def _cylinder(scene: Scene, name: str, wall: Cylinder) -> list[str]:
 def _script(scene: Scene, clumps: Sequence[Clump]) -> str:
     model = scene.model
     used = sorted({int(m) for m in model.material})
-    reach = max(clumps[s].reach * f for s, f in zip(model.shape.tolist(), model.scale.tolist(), strict=True))
-    least = min(float(clumps[s].radii.min()) * f for s, f in zip(model.shape.tolist(), model.scale.tolist(),
-                                                                strict=True))  # fmt: skip
+    least, reach = extremes(clumps, model)
     pull = float(np.linalg.norm(model.gravity))
     dt = scene.step
-    fall = float(model.mass.sum()) * max(pull, 1e-3) * 2.0 * float(np.median(model.radius))
     lines = [
         f"# {model.count} blocks of {scene.title} as clumps of spheres, written by lithoform.",
         "# Run: lmp -in in.lammps, or on several processors: mpirun -np 4 lmp -in in.lammps",
@@ -209,7 +206,7 @@ def _script(scene: Scene, clumps: Sequence[Clump]) -> str:
         "compute body all rigid/local blocks mol mass x y z quatw quati quatj quatk inertiax inertiay inertiaz",
         "variable kinetic equal c_moving+c_turning",
         "# Kinetic energy over that of a fall of all blocks by a median diameter.",
-        f"variable share equal v_kinetic/{fall:.17g}",
+        f"variable share equal v_kinetic/{scene.fall:.17g}",
         "thermo_style custom step v_kinetic v_share",
         "thermo_modify lost error norm no",
         "thermo ${every}",

@@ -13,7 +13,7 @@ import numpy as np
 
 from lithoform.dem import Cylinder, Plane
 from lithoform.errors import SceneError
-from lithoform.export.clumps import Clump
+from lithoform.export.clumps import Clump, extremes
 from lithoform.export.scene import Scene
 from lithoform.export.walls import axis_of, triangles
 
@@ -148,10 +148,8 @@ def _script(scene: Scene, clumps: Sequence[Clump], walls: Sequence[str], sides: 
     low, high = sides
     room = 0.5 * (high - low) + 2.0 * float(model.bounding_radius.max())
     box = " ".join(f"{x:.17g}" for pair in zip(low - room, high + room, strict=True) for x in pair)
-    least = min(float(clumps[s].radii.min()) * f for s, f in zip(model.shape.tolist(), model.scale.tolist(),
-                                                                strict=True))  # fmt: skip
+    least, _ = extremes(clumps, model)
     pull = float(np.linalg.norm(model.gravity))
-    fall = float(model.mass.sum()) * max(pull, 1e-3) * 2.0 * float(np.median(model.radius))
     most = max(len(clumps[s]) for s in set(model.shape.tolist()))
     pairs = [scene.contact(a, b) for a in range(count) for b in range(count)]
 
@@ -201,7 +199,7 @@ def _script(scene: Scene, clumps: Sequence[Clump], walls: Sequence[str], sides: 
         "compute moving all ke/multisphere",
         "compute turning all erotate/multisphere",
         "# Kinetic energy over that of a fall of all blocks by a median diameter.",
-        f"variable share equal (c_moving+c_turning)/{fall:.17g}",
+        f"variable share equal (c_moving+c_turning)/{scene.fall:.17g}",
         "thermo_style custom step atoms v_share",
         "thermo_modify lost error norm no",
         "thermo ${every}",

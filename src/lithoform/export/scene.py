@@ -104,6 +104,12 @@ class Scene:
         return tuple(placed)
 
     @cached_property
+    def fall(self) -> float:
+        """Energy of a fall of all blocks by a median diameter [J]; in a case without gravity, at 1 mm/s^2."""
+        pull = max(float(np.linalg.norm(self.model.gravity)), 1e-3)
+        return float(self.model.mass.sum()) * pull * 2.0 * float(np.median(self.model.radius))
+
+    @cached_property
     def step(self) -> float:
         """Time step [s]: 0.06 of the Rayleigh time of the smallest block."""
         return scales(self.model).step

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -91,6 +91,15 @@ def _top(heap: Heap) -> float:
     return float((heap.places[:, 2] + reach * np.cbrt(np.abs(np.linalg.det(heap.turns)))).max())
 
 
+def _over_gyrations(axes: Any, name: str) -> None:
+    """Axes of a quantity over the gyrations, which are logarithmic and told at 1, 2, 5, 10."""
+    plain_axes(axes, "gyrations", name)
+    axes.set_xscale("log")
+    axes.xaxis.set_major_formatter("{x:g}")
+    axes.xaxis.set_minor_formatter(lambda x, _: f"{x:g}" if f"{x:e}"[0] in "25" else "")
+    axes.tick_params(which="minor", labelsize=6.5)
+
+
 def curve_figure(curves: Sequence[Curve]) -> np.ndarray:
     """Height and packing density over the gyrations, which are on a logarithmic axis, with the fits.
 
@@ -105,11 +114,7 @@ def curve_figure(curves: Sequence[Curve]) -> np.ndarray:
     with sheet(170.0, 80.0, _DPI) as page:
         left, right = page.axes(16.0, 5.0, 62.0, 60.0), page.axes(98.0, 5.0, 62.0, 60.0)
         for axes, name in ((left, "height (mm)"), (right, "packing density")):
-            plain_axes(axes, "gyrations", name)
-            axes.set_xscale("log")
-            axes.xaxis.set_major_formatter("{x:g}")
-            axes.xaxis.set_minor_formatter(lambda x, _: f"{x:g}" if f"{x:e}"[0] in "25" else "")
-            axes.tick_params(which="minor", labelsize=6.5)
+            _over_gyrations(axes, name)
         for i, curve in enumerate(curves):
             on = curve.gyrations >= 1.0
             style = {"color": COLOURS[i % len(COLOURS)], "marker": MARKERS[i % len(MARKERS)], "markersize": 3.0,
@@ -189,12 +194,8 @@ def cases_figure(cases: Sequence[Sequence[Curve]]) -> np.ndarray:
     with sheet(62.0 * columns + 4.0, 56.0 * rows + 4.0, _DPI) as page:
         for i, curves in enumerate(cases):
             axes = page.axes(15.0 + 62.0 * (i % columns), 8.0 + 56.0 * (i // columns), 44.0, 34.0)
-            plain_axes(axes, "gyrations", "height (mm)")
+            _over_gyrations(axes, "height (mm)")
             axes.set_title(f"case {i + 1}", fontsize=7.5)
-            axes.set_xscale("log")
-            axes.xaxis.set_major_formatter("{x:g}")
-            axes.xaxis.set_minor_formatter(lambda x, _: f"{x:g}" if f"{x:e}"[0] in "25" else "")
-            axes.tick_params(which="minor", labelsize=6.5)
             for k, curve in enumerate(curves):
                 on = curve.gyrations >= 1.0
                 axes.plot(curve.gyrations[on], _MILLI * curve.heights[on], MARKERS[k % len(MARKERS)], markersize=2.4,

@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Final, Literal
 
 from lithoform.errors import FileFormatError
+from lithoform.reproduce.files import csv_bytes
 
 __all__ = ["HEAD", "VERDICTS", "Finding", "Rows", "claims_csv", "counts", "decided", "judged", "number", "read_rows"]
 
@@ -119,6 +120,4 @@ def counts(findings: Iterable[Finding]) -> dict[str, int]:
 
 def claims_csv(findings: Iterable[Finding]) -> bytes:
     """Table with a row a claim."""
-    out = io.StringIO()
-    csv.writer(out, lineterminator="\n").writerows([HEAD, *(finding.cells() for finding in findings)])
-    return out.getvalue().encode()
+    return csv_bytes(HEAD, (finding.cells() for finding in findings))

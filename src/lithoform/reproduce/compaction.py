@@ -7,16 +7,13 @@ the level of packing density is not.  NIST's particles of FDOT-57 take the place
 
 from __future__ import annotations
 
-import csv
-import io
-import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
-from lithoform.atomic import atomic_write, make_folder
+from lithoform.atomic import make_folder
 from lithoform.compaction.campaign import PLAN_FILE
 from lithoform.compaction.experiment import (
     MEASURES,
@@ -42,6 +39,7 @@ from lithoform.presets import SHAPE_CLASSES, database_recipe
 from lithoform.progress import track
 from lithoform.rendering import require_pictures
 from lithoform.report.page import Bullets, Page, Paragraph
+from lithoform.reproduce.files import csv_bytes, named_folder, write_files
 from lithoform.reproduce.populations import find_reference
 from lithoform.scans.reading import find_scans
 from lithoform.warp_runtime import resolve_device
@@ -110,10 +108,10 @@ def figure_11(out: str | Path, *, seed: int | None = None, triangles: int = 20_0
     series = results["series"]
     heights = zip(series["gyration"], series["height"], series["packing_density"], strict=True)
     pictures = {f"fig11_{name}.png": _content(place / f"{name}.png") for name in ("film", "specimen", "curve")}
-    return _written(folder, {
+    return write_files(folder, {
         "fig11_gradation.png": png_bytes(gradation),
         **pictures,
-        "fig11.csv": _csv(("gyration", "height_m", "packing_density"), heights),
+        "fig11.csv": csv_bytes(("gyration", "height_m", "packing_density"), heights),
     })  # fmt: skip
 
 
@@ -148,11 +146,12 @@ def figure_12(out: str | Path, *, seed: int | None = None, triangles: int = 20_0
          row.margin, row.spread, row.verdict)
         for row in found
     ]  # fmt: skip
-    return _written(folder, {
+    source_head = ("measure", "meaning", "scanned", "generated", "difference", "low", "high", "margin", "seed_to_seed",
+                   "verdict")  # fmt: skip
+    return write_files(folder, {
         "fig12.png": experiment_files(plan, rows)["fig12.png"],
-        "fig12.csv": _csv(head, lines),
-        "fig12_sources.csv": _csv(("measure", "meaning", "scanned", "generated", "difference", "low", "high", "margin",
-                                   "seed_to_seed", "verdict"), sources),
+        "fig12.csv": csv_bytes(head, lines),
+        "fig12_sources.csv": csv_bytes(source_head, sources),
     })  # fmt: skip
 
 
@@ -167,9 +166,9 @@ def figure_13(out: str | Path, *, seed: int | None = None, triangles: int = 20_0
             *(row["series"][name] for name in ("gyration", "height", "packing_density")), strict=True
         )
     ]
-    return _written(folder, {
+    return write_files(folder, {
         "fig13.png": experiment_files(plan, rows)["fig13.png"],
-        "fig13.csv": _csv(("case", "sample", "source", "gyration", "height_m", "packing_density"), lines),
+        "fig13.csv": csv_bytes(("case", "sample", "source", "gyration", "height_m", "packing_density"), lines),
     })  # fmt: skip
 
 
@@ -194,14 +193,12 @@ def table_6(out: str | Path, *, seed: int | None = None, triangles: int = 20_000
                   "9,000 in 150 mm."),
         fits_table(rows),
     )  # fmt: skip
-    return _written(folder, {"table6.csv": _csv(head, lines), "table6.html": page.to_bytes()})
+    return write_files(folder, {"table6.csv": csv_bytes(head, lines), "table6.html": page.to_bytes()})
 
 
 def _begun(out: str | Path, seed: int | None, triangles: int, device: str) -> tuple[Path, int]:
     """The folder for the files, once the request is known to be possible, and the seed."""
-    folder = Path(out)
-    if folder.suffix.lower() in (".png", ".csv", ".html") and not os.path.isdir(folder):  # noqa: PTH112 (is_dir raises for a long name)
-        raise OutputError(f"{folder}: expected a folder for the files, not the name of a file; choose another.")
+    folder = named_folder(out)
     first = database_recipe("cube", seed=_SEED if seed is None else seed, triangles=triangles).seed
     resolve_device(device)
     make_folder(folder)
@@ -258,15 +255,3 @@ def _content(path: Path) -> bytes:
             f"expected the picture {path}, which cannot be read ({error.strerror or error}): remove the folder "
             f"{path.parent} and give the same command again."
         ) from error
-
-
-def _csv(head: Sequence[str], lines: Iterable[Sequence[Any]]) -> bytes:
-    out = io.StringIO()
-    csv.writer(out, lineterminator="\n").writerows([head, *lines])
-    return out.getvalue().encode()
-
-
-def _written(folder: Path, contents: dict[str, bytes]) -> list[Path]:
-    for name, data in contents.items():
-        atomic_write(folder / name, data)
-    return [folder / name for name in contents]

@@ -6,14 +6,12 @@ measure, on the open mesh of the program, and in ours.
 
 from __future__ import annotations
 
-import csv
-import io
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
-from lithoform.atomic import atomic_write, make_folder
+from lithoform.atomic import atomic_write
 from lithoform.descriptors.table import FOUR
 from lithoform.figures.design import ClosedLoop, closed_loop_figure, loop_errors_figure
 from lithoform.figures.gallery import png_bytes
@@ -26,6 +24,7 @@ from lithoform.inverse.targets import Target
 from lithoform.parameters import Recipe
 from lithoform.progress import track
 from lithoform.rendering import require_pictures
+from lithoform.reproduce.files import csv_bytes, made_folder
 from lithoform.reproduce.published_stones import published_evaluator, published_library
 
 __all__ = ["PAPER_ERRORS", "PAPER_TARGETS", "figure_7", "mean_errors", "spread_targets"]
@@ -95,8 +94,7 @@ def figure_7(out: str | Path, *, seed: int | None = None, triangles: int = 20_00
         If a stone cannot be made, or a file cannot be written.
     """
     require_pictures()
-    folder = Path(out)
-    make_folder(folder)
+    folder = made_folder(out)
     seed = _SEED if seed is None else seed
     library = shipped_library().at_triangles(triangles)
     surrogate = Surrogate.fit(library)
@@ -166,9 +164,6 @@ def _rows(what: str, designs: list[Design]) -> list[list[Any]]:
 
 
 def _table(rows: list[list[Any]]) -> bytes:
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(["case", "number", "descriptor", "target", "predicted", "achieved", "scatter", "error",
-                     "error_of_the_paper", "reached", "stones"])  # fmt: skip
-    writer.writerows(rows)
-    return out.getvalue().encode()
+    head = ("case", "number", "descriptor", "target", "predicted", "achieved", "scatter", "error", "error_of_the_paper",
+            "reached", "stones")  # fmt: skip
+    return csv_bytes(head, rows)

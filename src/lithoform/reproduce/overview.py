@@ -11,11 +11,12 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final, Literal
 
-from lithoform.atomic import atomic_write, make_folder
-from lithoform.errors import FileFormatError, LithoformError, OutputError, RecipeError
+from lithoform.atomic import atomic_write
+from lithoform.errors import FileFormatError, LithoformError, RecipeError
 from lithoform.locking import folder_lock
 from lithoform.reproduce import FIGURES, PAPER, Reproduction
 from lithoform.reproduce.claims import Finding
+from lithoform.reproduce.files import made_folder
 from lithoform.sidecar import program_version
 
 __all__ = [
@@ -205,9 +206,7 @@ def make_all(
     """
     from lithoform.reproduce.report import write_report
 
-    if out.suffix.lower() in (".png", ".csv", ".html") and not out.exists():
-        raise OutputError(f"{out}: expected a folder for the files, not the name of a file; choose another.")
-    make_folder(out)
+    out = made_folder(out)
     wanted, outcomes = set(names), []
     with folder_lock(out):
         try:

@@ -7,9 +7,7 @@ than the paper's, which the generator was never fitted to.
 
 from __future__ import annotations
 
-import csv
 import functools
-import io
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,11 +16,11 @@ from typing import Any, Final
 
 import numpy as np
 
-from lithoform.atomic import atomic_write, make_folder
+from lithoform.atomic import make_folder
 from lithoform.database.population import Population
 from lithoform.descriptors.measuring import measure
 from lithoform.descriptors.table import FOUR
-from lithoform.errors import FileFormatError, OutputError
+from lithoform.errors import FileFormatError
 from lithoform.figures.gallery import gallery, png_bytes
 from lithoform.figures.populations import Panel, heading, histogram_figure, require_figures
 from lithoform.generation import generate, generate_many
@@ -33,6 +31,7 @@ from lithoform.rendering import require_pictures
 from lithoform.report.page import Bullets, Page, Paragraph, Table
 from lithoform.report.study import Study, study
 from lithoform.report.verdicts import mix_notes, verdicts
+from lithoform.reproduce.files import csv_bytes, named_folder, write_files
 from lithoform.reproduce.published_populations import (
     PUBLISHED_ANOVA,
     PUBLISHED_INDICES,
@@ -158,9 +157,7 @@ def find_reference() -> Path:
 
 def _prepared(out: str | Path, seed: int | None, triangles: int, device: str) -> tuple[_Sources, Path]:
     """Both populations, made or as they were made before in this process, and the folder for the files."""
-    folder = Path(out)
-    if folder.suffix.lower() in (".png", ".csv", ".html") and not os.path.isdir(folder):  # noqa: PTH112
-        raise OutputError(f"{folder}: expected a folder for the files, not the name of a file; choose another.")
+    folder = named_folder(out)
     first = database_recipe("cube", seed=_SEED if seed is None else seed, triangles=triangles).seed
     resolve_device(device)
     reference = find_reference()
@@ -213,9 +210,6 @@ def _table(name: str, title: str, out: str | Path, seed: int | None, triangles: 
         moments = PUBLISHED_INDICES[_FIGURES[name]][case]
         cells += [(case, *line) for line in _anova_lines(row, sizes, PUBLISHED_ANOVA[name][case], moments)]
     head = ("descriptor" if name == "table3" else "class", "quantity", "ours", "paper", "recomputed", "note")
-    table = io.StringIO()
-    csv.writer(table, lineterminator="\n").writerows([head, *cells])
-
     page = Page(title)
     page.add(Paragraph(f"A: {found.reference.label}. B: {found.other.label}, {triangles:,} triangles each."))
     page.add(
@@ -234,10 +228,7 @@ def _table(name: str, title: str, out: str | Path, seed: int | None, triangles: 
         "prints."
     )
     page.section("Numbers", Table(head, tuple(cells), caption, texts=(0, 1, 5), groups=tuple(starts[1:])))
-    files = [(folder / f"{name}.csv", table.getvalue().encode()), (folder / f"{name}.html", page.to_bytes())]
-    for path, data in files:
-        atomic_write(path, data)
-    return [path for path, _ in files]
+    return write_files(folder, {f"{name}.csv": csv_bytes(head, cells), f"{name}.html": page.to_bytes()})
 
 
 def _anova_lines(
@@ -323,13 +314,9 @@ def _histograms(name: str, sources: _Sources, folder: Path, file: str) -> list[P
         lines += [(case, *line) for line in _index_lines(row, sides, printed)]
     title = "All particles" if name == "fig8" else f"{heading(_cases(name, found)[0][1])[0]} by class"
     labels = (found.reference.label, found.other.label)
-    table = io.StringIO()
     head = ("descriptor" if name == "fig8" else "class", "quantity", "ours", "by_chance", "p", "paper")
-    csv.writer(table, lineterminator="\n").writerows([head, *lines])
-    picture, numbers = folder / f"{file}.png", folder / f"{name}.csv"
-    atomic_write(picture, png_bytes(histogram_figure(panels, labels, title=title)))
-    atomic_write(numbers, table.getvalue().encode())
-    return [picture, numbers]
+    picture = png_bytes(histogram_figure(panels, labels, title=title))
+    return write_files(folder, {f"{file}.png": picture, f"{name}.csv": csv_bytes(head, lines)})
 
 
 def _paper_notes(printed: PublishedIndices, size: int) -> tuple[str, ...]:

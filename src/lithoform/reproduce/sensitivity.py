@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
-from lithoform.atomic import atomic_write, make_folder
 from lithoform.database.building import Measures, build
-from lithoform.errors import OutputError
 from lithoform.figures.gallery import png_bytes
 from lithoform.figures.populations import require_figures
 from lithoform.figures.sensitivity import CurvePanel, curves_figure
@@ -19,6 +16,7 @@ from lithoform.generation import generate
 from lithoform.presets import SHAPE_CLASSES, benchmark_recipe
 from lithoform.progress import track
 from lithoform.rendering import require_pictures
+from lithoform.reproduce.files import made_folder, write_files
 from lithoform.sensitivity.designs import Design, OneAtATime
 from lithoform.sensitivity.oat import Curves, mean_with_band, sweep_of
 from lithoform.sensitivity.responses import Responses, read_responses
@@ -61,7 +59,7 @@ def figure_5(out: str | Path, *, seed: int | None = None, triangles: int = 20_00
     require_pictures()
     require_figures()
     resolve_device(device)
-    folder = _folder(out)
+    folder = made_folder(out)
     base = benchmark_recipe(triangles=triangles)
     design = TwistDesign(base=base, seeds=_TWIST_SEEDS, seed=_SEED if seed is None else seed)
     values = _made(folder / "fig5", "twist", design, device).values
@@ -80,7 +78,7 @@ def figure_5(out: str | Path, *, seed: int | None = None, triangles: int = 20_00
         rows.append(TwistRow(name, np.array(design.rates), mean, deviation, stones))
     note = f"{design.seeds} stones at each point, {triangles:,} triangles; band: standard deviation under PCA"
     picture = twist_figure(rows, ("PCA", "box"), title="Calibration and twist", note=note)
-    return _written(folder, {
+    return write_files(folder, {
         "fig5.png": png_bytes(picture),
         "fig5.csv": twist_to_csv(design.rates, values),
         "fig5_claims.csv": findings_to_csv(findings(design.rates, values)),
@@ -110,11 +108,11 @@ def figure_6(out: str | Path, *, seed: int | None = None, triangles: int = 20_00
     """
     require_figures()
     resolve_device(device)
-    folder = _folder(out)
+    folder = made_folder(out)
     base = benchmark_recipe(triangles=triangles)
     design = OneAtATime(base=base, seeds=_SWEEP_SEEDS, seed=_SEED if seed is None else seed)
     sweep = sweep_of(design, _made(folder / "fig6", "oat", design, device))
-    return _written(folder, {
+    return write_files(folder, {
         "fig6.png": curves_picture(sweep.curves, design.seeds, triangles),
         "fig6.csv": sweep.curves.to_csv(),
         "fig6_trends.csv": trends_to_csv(trends(sweep)),
@@ -139,17 +137,3 @@ def _made(folder: Path, source: str, design: Design, device: str) -> Responses:
     for _ in track(numbers, total=design.count, what="stones"):
         pass
     return read_responses(folder, source, design)
-
-
-def _folder(out: str | Path) -> Path:
-    folder = Path(out)
-    if folder.suffix.lower() in (".png", ".csv") and not os.path.isdir(folder):  # noqa: PTH112 (is_dir raises for a long name)
-        raise OutputError(f"{folder}: expected a folder for the files, not the name of a file; choose another.")
-    make_folder(folder)
-    return folder
-
-
-def _written(folder: Path, contents: dict[str, bytes]) -> list[Path]:
-    for name, data in contents.items():
-        atomic_write(folder / name, data)
-    return [folder / name for name in contents]

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import csv
-import io
-import os
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
-from lithoform.atomic import atomic_write, make_folder
 from lithoform.descriptors.measuring import measure, measure_many
 from lithoform.descriptors.table import FOUR
-from lithoform.errors import OutputError
 from lithoform.figures.gallery import png_bytes
 from lithoform.figures.resolution import Resolution, resolution_figure
 from lithoform.figures.zingg import zingg_diagram
@@ -23,6 +18,7 @@ from lithoform.portrait import portrait
 from lithoform.presets import SHAPE_CLASSES, database_recipe, particle_seed
 from lithoform.progress import track
 from lithoform.rendering import require_pictures
+from lithoform.reproduce.files import csv_bytes, made_folder, write_files
 from lithoform.simplification import simplification_drift, simplify
 from lithoform.warp_runtime import resolve_device
 
@@ -60,9 +56,9 @@ def figure_3(out: str | Path, *, seed: int | None = None, triangles: int = 20_00
     require_pictures()
     recipe = database_recipe("cube", seed=_SEED if seed is None else seed, triangles=triangles)
     resolve_device(device)
-    folder = _made_folder(out)
+    folder = made_folder(out)
     pixels, _ = portrait(generate(recipe, device=device))
-    return [_written(folder / "fig3.png", png_bytes(pixels))]
+    return write_files(folder, {"fig3.png": png_bytes(pixels)})
 
 
 def figure_4(
@@ -94,7 +90,7 @@ def figure_4(
     # The seed itself is one of a stone too, so that it is refused where a stone's would be.
     first = database_recipe("cube", seed=_SEED if seed is None else seed, triangles=triangles).seed
     resolve_device(device)
-    folder = _made_folder(out)
+    folder = made_folder(out)
     recipes = [database_recipe(SHAPE_CLASSES[i % 4], seed=particle_seed(first, i)) for i in range(_DIAGRAM_STONES)]
     dimensions = track(
         measure_many(generate_many(recipes, device=device), ("elongation", "flatness")),
@@ -103,7 +99,7 @@ def figure_4(
     indices = np.array([[row["elongation"], row["flatness"]] for row in dimensions])
     # By the class in which each was drawn: what the calibration makes of it is what the diagram shows.
     populations = {name: (indices[i::4, 0], indices[i::4, 1]) for i, name in enumerate(SHAPE_CLASSES)}
-    files = [_written(folder / "fig4a.png", png_bytes(zingg_diagram(populations)))]
+    files = write_files(folder, {"fig4a.png": png_bytes(zingg_diagram(populations))})
 
     counts = [count for count in _COUNTS[1:] if count < triangles]
     fine = [
@@ -117,9 +113,8 @@ def figure_4(
             total=len(fine), what="stones simplified",
         )
     )  # fmt: skip
-    table = io.StringIO()
-    writer = csv.writer(table, lineterminator="\n")
-    writer.writerow(["class", "triangles", *(f"{n}_{what}" for n in FOUR for what in ("mean", "drift", "worst_drift"))])
+    head = ("class", "triangles", *(f"{n}_{what}" for n in FOUR for what in ("mean", "drift", "worst_drift")))
+    lines: list[list[Any]] = []
     for i, name in enumerate(SHAPE_CLASSES):
         for level in range(len(counts) + 1):
             rows = [stone[level] for stone in drifts[i::4]]
@@ -128,8 +123,8 @@ def figure_4(
                 relative = np.array([row.relative[descriptor] for row in rows])
                 mean = float(np.mean([row.values[descriptor] for row in rows]))
                 cells += [mean, float(relative.mean()), float(relative[np.argmax(np.abs(relative))])]
-            writer.writerow([name, rows[0].triangles, *cells])
-    files.append(_written(folder / "fig4b.csv", table.getvalue().encode()))
+            lines.append([name, rows[0].triangles, *cells])
+    files += write_files(folder, {"fig4b.csv": csv_bytes(head, lines)})
 
     pictured = []
     for i, name in enumerate(SHAPE_CLASSES):
@@ -139,18 +134,5 @@ def figure_4(
             Resolution(name, asked, row.values, body)
             for asked, row, body in zip((triangles, *counts), drifts[i], bodies, strict=True)
         ]
-    files.append(_written(folder / "fig4b.png", png_bytes(resolution_figure(pictured))))
+    files += write_files(folder, {"fig4b.png": png_bytes(resolution_figure(pictured))})
     return files
-
-
-def _made_folder(out: str | Path) -> Path:
-    folder = Path(out)
-    if folder.suffix.lower() == ".png" and not os.path.isdir(folder):  # noqa: PTH112 (is_dir raises for a long name)
-        raise OutputError(f"{folder}: expected a folder for the files, not the name of a picture; choose another.")
-    make_folder(folder)
-    return folder
-
-
-def _written(path: Path, data: bytes) -> Path:
-    atomic_write(path, data)
-    return path

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, replace
 from itertools import accumulate, pairwise
 from typing import Any, Final
@@ -32,7 +33,7 @@ _REFERENCE_TRIANGLES: Final = 20_000
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Design:
+class Design(ABC):
     """Points of a design, each made with the same seeds.
 
     Attributes
@@ -50,17 +51,17 @@ class Design:
     seed: int = 0
 
     @property
+    @abstractmethod
     def point_count(self) -> int:
         """Number of points."""
-        raise NotImplementedError
 
+    @abstractmethod
     def settings(self, point: int) -> dict[str, Any]:
         """What a point (from 0) sets: values by the names of axes or of fields of `Recipe`."""
-        raise NotImplementedError
 
+    @abstractmethod
     def told(self) -> dict[str, Any]:
         """What was asked for, in plain values, beside the base and the seeds."""
-        raise NotImplementedError
 
     @property
     def count(self) -> int:
