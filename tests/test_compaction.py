@@ -362,6 +362,19 @@ class TestCompactor:
             with pytest.raises(OutputError, match="with other settings"):
                 run_compaction(Request(population=population, **{**SMALL, **fewer}), out, threads=1, resume=True)
 
+    def test_stiffer_stones_begin_from_the_bed_of_softer_ones(self, done, population, tmp_path):
+        first, results = done
+        stiffer = {**SMALL, "stiffness_factor": 0.02, "bed_stiffness_factor": 0.01, "gyrations": 1}
+        found = run_compaction(Request(population=population, **stiffer), tmp_path, threads=1)
+        for kind in ("jsonl", "checkpoint"):
+            assert (tmp_path / f"deposition.{kind}").read_bytes() == (first / f"deposition.{kind}").read_bytes()
+        assert found["time_step"] == pytest.approx(results["time_step"] / math.sqrt(2.0))
+        start, former = looks_of(tmp_path, "seating")[0], looks_of(first, "seating")[0]
+        assert (start["step"], start["time"], start["height"]) == (former["step"], former["time"], former["height"])
+        # The same stones in the same places: the press moves them a little otherwise.
+        assert found["loose"]["packing_density"] == pytest.approx(results["loose"]["packing_density"], abs=0.02)
+        assert found["loose"]["packing_density"] != results["loose"]["packing_density"]
+
     def test_files_that_were_about_to_be_removed_are_not_gone_on_with(self, done, population, tmp_path, monkeypatch):
         """Stopped while it clears the folder, a run that is resumed begins: nothing of the former one is in it."""
         shutil.copytree(done[0], tmp_path / "out")

@@ -49,6 +49,7 @@ class TestPlan:
         assert len({request.seed for _, request in plan}) == 3
         of_first = {(r.rate_factor, r.stiffness_factor) for name, r in plan if name.startswith("seed0_")}
         assert of_first == {(40.0, 0.1), (10.0, 0.1), (20.0, 0.1), (80.0, 0.1), (40.0, 0.3), (40.0, 1.0)}
+        assert {request.bed_stiffness_factor for _, request in plan} == {0.1}
         # Else the runs that get there would make fewer gyrations than the others.
         assert all(request.to_height == 1e-4 for _, request in plan)
 

@@ -15,7 +15,7 @@ from lithoform.compaction.mould import Gyration
 from lithoform.compaction.protocol import Protocol
 from lithoform.compaction.specimen import Specimen
 from lithoform.compaction.stages import FLOOR, MOULD, PLATEN, Look, Record, deposit, stage
-from lithoform.dem import Model, Plane, Scales, Servo, State, scales
+from lithoform.dem import TABLE_10, Model, Plane, Scales, Servo, State, scales
 from lithoform.dem.container import extents
 from lithoform.packing.container import Container
 from lithoform.packing.placing import insert, random_attitudes
@@ -57,17 +57,27 @@ class Machine:
         On the rate of gyration.
     seed : int
         Of places and attitudes.
+    bed_stiffness_factor : float or None
+        On Young's modulus of Table 10 while the stones fall; None: that of the specimen.
     """
 
     specimen: Specimen
     protocol: Protocol
     rate_factor: float
     seed: int
+    bed_stiffness_factor: float | None = None
 
     @property
     def dt(self) -> float:
         """Time step [s]."""
         return scales(self.specimen.model).step
+
+    @property
+    def falling(self) -> Model:
+        """The stones while they fall."""
+        if self.bed_stiffness_factor is None:
+            return self.specimen.model
+        return replace(self.specimen.model, materials=(TABLE_10.softened(self.bed_stiffness_factor),))
 
     @property
     def force(self) -> float:
@@ -114,7 +124,7 @@ class Machine:
     @property
     def expected_steps(self) -> int:
         """Of the whole run, about: the fall, the platen coming down by half of the loose height, the gyrations."""
-        fall = schedule(self.specimen.model, _loose(self), self.dt).expected
+        fall = schedule(self.falling, _loose(self), scales(self.falling).step).expected
         press = 0.5 * self.loose_height / self.approach / self.dt
         return round(fall + press + (_RAMP + self.protocol.gyrations) * LOOKS * self.every)
 
@@ -207,17 +217,18 @@ def compact(
     SimulationError
         If the simulation fails.
     """
-    specimen, dt = machine.specimen, machine.dt
+    specimen, dt, falling = machine.specimen, machine.dt, machine.falling
     progress = _Progress(told, on_begin, on_look)
     records = {name: Record(folder / name) for name in STAGES}
     common: dict[str, Any] = {"dt": dt, "diameter": specimen.diameter}
 
-    start = _loose(machine)
-    plan = schedule(specimen.model, start, dt)
+    start, fall_dt = _loose(machine), scales(falling).step
+    plan = schedule(falling, start, fall_dt)
     progress.begin("deposition", 0, plan.steps)
-    state = deposit(specimen.model, start, records["deposition"], every=plan.every, fastest=plan.fastest,
-                    longest=plan.steps, on_look=progress.of("deposition"), **common, **how)  # fmt: skip
-    on_stage("deposition", specimen.model, state)
+    state = deposit(falling, start, records["deposition"], dt=fall_dt, every=plan.every, fastest=plan.fastest,
+                    longest=plan.steps, diameter=specimen.diameter, on_look=progress.of("deposition"),
+                    **how)  # fmt: skip
+    on_stage("deposition", falling, state)
 
     model, state = _under_platen(machine, state)
     state = _press(machine, model, state, _SEATING, records["seating"], progress, common, how)

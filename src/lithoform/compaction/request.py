@@ -18,6 +18,7 @@ __all__ = ["Request"]
 
 # Of the options of the command, in SI units.
 _MILLI, _KILO = (" mm", 1e-3), (" kPa", 1e3)
+_OPTIONAL: Final = frozenset({"mould", "to_height", "count", "pressure", "gyrations", "bed_stiffness_factor"})
 _UNITS: Final = {"min_size": _MILLI, "mould": _MILLI, "to_height": _MILLI, "pressure": _KILO}
 
 
@@ -49,6 +50,8 @@ class Request:
         On the rate of gyration.
     stiffness_factor : float
         On Young's modulus of Table 10.
+    bed_stiffness_factor : float or None
+        The same while the stones fall; by default the one above.
     seed : int
         Of the choice of the particles, their sizes, order, places and attitudes.
     vtk : bool
@@ -68,6 +71,7 @@ class Request:
     to_height: float | None = None
     rate_factor: float = 20.0
     stiffness_factor: float = 0.1
+    bed_stiffness_factor: float | None = None
     seed: int = 0
     vtk: bool = True
 
@@ -77,11 +81,11 @@ class Request:
         if self.curve not in ("low", "mid", "high"):
             raise RecipeError(f"expected a curve of low, mid or high; got {self.curve!r}.")
         limits = {"min_size": (1e-5, 1.0), "mould": (1e-3, 10.0), "to_height": (1e-4, 10.0),
-                  "rate_factor": (1e-3, 1e3), "stiffness_factor": (1e-3, 1.0), "count": (10, 1_000_000),
-                  "pressure": (1.0, 1e8), "gyrations": (1, 10_000)}  # fmt: skip
+                  "rate_factor": (1e-3, 1e3), "stiffness_factor": (1e-3, 1.0), "bed_stiffness_factor": (1e-3, 1.0),
+                  "count": (10, 1_000_000), "pressure": (1.0, 1e8), "gyrations": (1, 10_000)}  # fmt: skip
         for name, (low, high) in limits.items():
             value = getattr(self, name)
-            if value is None and name in ("mould", "to_height", "count", "pressure", "gyrations"):
+            if value is None and name in _OPTIONAL:
                 continue
             if not (isinstance(value, (int, float)) and math.isfinite(value) and low <= value <= high):
                 unit, scale = _UNITS.get(name, ("", 1.0))

@@ -138,7 +138,8 @@ def run_compaction(
         if resume and former is not None and former["finished"] and former["settings"] == settings:
             return former["results"]
         specimen = make_specimen(store, plan, protocol, threads=threads, device=device, progress=progress, told=told)
-        machine = Machine(specimen=specimen, protocol=protocol, rate_factor=request.rate_factor, seed=request.seed)
+        machine = Machine(specimen=specimen, protocol=protocol, rate_factor=request.rate_factor, seed=request.seed,
+                          bed_stiffness_factor=request.bed_stiffness_factor)  # fmt: skip
         for line in introduction(machine, request, device=device, threads=threads):
             told(line)
         if FOLDER.goes_on(former, resume=resume):

@@ -6,10 +6,11 @@ both are small a packing density is linear in them,
 
     y = c_seed + a I + b / kappa,
 
-with a constant for each seed, since the same seed has the same stones in the same places.  Runs of one seed and one
-stiffness begin to gyrate from the same pressed bed; a bed of another stiffness has settled anew, and differs by more
-than the gyrations make of it.  So a is fitted among runs of the same bed, and b among the beds, each with its own
-scatter.
+with a constant for each seed, since the same seed has the same stones in the same places: they fall with the stiffness
+of the first setting in all runs, and have their own from the pressing on.  (Beds that fell with another stiffness would
+differ by chance, and by more than the platen and the gyrations make of it; under their own weight the stones are rigid
+at any of them.)  Runs of one seed and one stiffness begin to gyrate from the same pressed bed.  So a is fitted among
+runs of the same bed, and b among the beds, each with its own scatter.
 """
 
 from __future__ import annotations
@@ -106,7 +107,7 @@ class Study:
         # No run ends at a height: all make the same gyrations.
         return Request(population=self.population, gradation=self.gradation, min_size=self.min_size, count=self.count,
                        gyrations=self.gyrations, to_height=1e-4, rate_factor=rate, stiffness_factor=stiffness,
-                       seed=seed, vtk=False)  # fmt: skip
+                       bed_stiffness_factor=self.stiffness_factors[0], seed=seed, vtk=False)  # fmt: skip
 
     def settings(self) -> dict[str, Any]:
         """Plain values, with the version of the program."""
