@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import App, Parameter
 
 from lithoform.cli.arguments import Flag, Json, Whole
-from lithoform.cli.output import say, say_table
-from lithoform.errors import LithoformError, OutputError, RecipeError
+from lithoform.cli.output import can_draw, say, say_table
+from lithoform.errors import OutputError, RecipeError
 
 if TYPE_CHECKING:
     from lithoform.inverse.design import Design
@@ -116,7 +116,7 @@ def make(
     with folder_lock(out):
         prepare_folder(out, overwrite=overwrite, remove=False)
         found = _found(route, wanted, library, triangles, class_, seed, max(fresh, seeds), refine)
-        draws = _can_draw()
+        draws = can_draw()
         prepare_folder(out, overwrite=overwrite, remove=True)
         meshes = write_design(found, out, stones=seeds, picture=draws)
         if draws:
@@ -246,17 +246,6 @@ def _found(
         wanted, known, shape_class=class_, seed=seed, refine=refine, fresh=fresh, evaluate=evaluate,
         told=lambda line: print(f"{line} ...", file=sys.stderr) if shown else None,
     )  # fmt: skip
-
-
-def _can_draw() -> bool:
-    from lithoform.rendering import require_pictures
-
-    try:
-        require_pictures()
-    except LithoformError as error:
-        print(f"no picture is drawn: {error}", file=sys.stderr)
-        return False
-    return True
 
 
 def _draw(found: Design, meshes: list[Any], path: Path) -> None:
