@@ -108,8 +108,9 @@ def _page(study: Study, rows: list[dict[str, Any]], fits: dict[str, Extrapolatio
     page.section("Packing density after gyration", Picture(
         picture, "Each point a run; lines: the common slopes; dashed: 30 gyrations a minute, 55 GPa."))  # fmt: skip
     page.section("Slopes", Paragraph(
-        "y = c_seed + a I + b / kappa: a among runs that begin to gyrate from the same bed, b among beds. In all "
-        "runs of a specimen the stones fall with the same stiffness, and have their own from the pressing on."), _slopes(fits.values()))  # fmt: skip
+        "y = c_seed + a I + b / kappa: a among runs that begin to gyrate from the same bed, b among beds. In all runs "
+        "of a specimen the stones fall with the same stiffness, and have their own from the pressing on."),
+        _slopes(fits.values()))  # fmt: skip
     page.section("Rate alone", Paragraph(
         "Change against 30 gyrations a minute with the same stones."), _rates(rows, fits))  # fmt: skip
     page.section("Settings", Paragraph(
