@@ -105,7 +105,7 @@ def test_the_list_looks_at_the_files(run, tmp_path):
     status, out, _ = run("reproduce", "--list")
     assert status == 0
     assert "lithoform reproduce fig12" in out
-    assert "estimated 90 min" in out
+    assert "measured 92 min" in out
 
 
 @pytest.mark.usefixtures("packages")
