@@ -62,7 +62,7 @@ def _look_up(scene: Scene, i: wp.int32, wall: wp.int32, h: wp.int32) -> wp.float
 
     While no point moves farther than b relative to the wall, they are among those that now are less than 2 b, and the
     depth that is shared, behind the foremost.  b is halved until they fit into the list; if that does not help, as with
-    a disc on a plane, all vertices are looked at in each step.
+    a disc on a plane, all vertices are looked at in each step of the whole path.
     """
     blocks = scene.blocks
     hulls = scene.hulls
@@ -87,8 +87,9 @@ def _look_up(scene: Scene, i: wp.int32, wall: wp.int32, h: wp.int32) -> wp.float
             scene.walls.candidate_count[h] = noted
             return path
         path = path * _HALF
+    # All vertices are right on any path; a list is tried again after the longest.
     scene.walls.candidate_count[h] = 0
-    return _ZERO
+    return _BUDGET * blocks.bound[i]
 
 
 @wp.func
