@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import math
 import os
 import shutil
 import signal
 import stat
-import threading
-import time
 import warnings
 from pathlib import Path
 
@@ -37,7 +34,9 @@ from lithoform.errors import (
 )
 from lithoform.figures.packing import Bed, packing_figure
 from lithoform.mesh_io import write_mesh
+from lithoform.packing import run as packing_run
 from lithoform.packing.folder import FOLDER
+from lithoform.packing.resuming import write_progress
 from lithoform.planning import Plan
 
 FORMS = ((1.0, 1.0, 1.0), (1.3, 1.0, 1.0), (1.0, 1.2, 1.4), (0.8, 1.0, 1.6), (1.1, 1.1, 0.9))
@@ -134,24 +133,18 @@ def test_the_same_seed_gives_the_same_bytes_on_any_number_of_threads(packed, sto
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Ctrl-C is a signal")
-def test_interrupted_and_resumed_it_is_the_same(packed, stones, tmp_path, capsys):
+def test_interrupted_and_resumed_it_is_the_same(packed, stones, tmp_path, capsys, monkeypatch):
     out = tmp_path / "resumed"
     words = [str(stones), *SMALL, "--out", str(out), "--threads", "1", "--seed", "3"]
 
-    def interrupt() -> None:
-        for _ in range(6000):
-            with contextlib.suppress(OSError, ValueError):
-                if len(json.loads((out / "progress.json").read_bytes())["rows"]) > 8:
-                    break
-            time.sleep(0.01)
-        os.kill(os.getpid(), signal.SIGINT)
+    def interrupted(folder: Path, seconds: float, rows: list) -> None:
+        write_progress(folder, seconds, rows)
+        if len(rows) > 8:
+            os.kill(os.getpid(), signal.SIGINT)
 
-    thread = threading.Thread(target=interrupt)
-    thread.start()
-    try:
+    with monkeypatch.context() as patched:
+        patched.setattr(packing_run, "write_progress", interrupted)
         status = run(*words)
-    finally:
-        thread.join()
     assert status == 130
     assert "--resume goes on with" in capsys.readouterr().err
     assert json.loads((out / "packing.json").read_text())["finished"] is False
